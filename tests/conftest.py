@@ -92,12 +92,6 @@ def record() -> RunRecord:
     return made
 
 
-@pytest.fixture(scope="session")
-def long_record() -> RunRecord:
-    """Ten robots, 1200 s: the largest run that the page's limits are given for."""
-    return make_record(robots=10, t_end_s=1200.0, title="Ten robots, twenty minutes", min_observations=1500)
-
-
 @pytest.fixture
 def svg_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw no PDF and no PNG, half of the time of a study's report: for tests that look at neither."""

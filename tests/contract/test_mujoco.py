@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,10 +11,8 @@ import polars as pl
 import pytest
 
 from vibroswarm.documents.run import result_document
-from vibroswarm.errors import InputError
 from vibroswarm.motion.fixed_step import FIXED_STEP
 from vibroswarm.motion.kernel_run import batch_of
-from vibroswarm.motion.physics import library
 from vibroswarm.motion.physics.planar import PlanarRun
 from vibroswarm.motion.physics.sources import PLANAR, WHEELS
 from vibroswarm.motion.source import Source, forget, join, register
@@ -133,26 +130,6 @@ def test_robots_on_wheels_that_start_too_near_are_moved_apart() -> None:
     moved_m = np.hypot(both["x_m"] - both["x_m_disc"], both["y_m"] - both["y_m_disc"])
     assert 0 < (moved_m > 0).sum() < 15
     assert moved_m.max() < 0.01
-
-
-def test_missing_mujoco_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    library.mujoco.cache_clear()
-    try:
-        with pytest.raises(InputError, match=r"motion: needs MuJoCo.*pip install 'vibroswarm\[physics\]'"):
-            PLANAR.init(Scenario(), 1, 0)
-    finally:
-        library.mujoco.cache_clear()
-
-
-def test_another_major_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(library, "version", lambda package: "3.9.0")
-    library.mujoco.cache_clear()
-    try:
-        with pytest.raises(InputError, match=r"needs MuJoCo 4, and 3\.9\.0 is installed"):
-            PLANAR.init(Scenario(), 1, 0)
-    finally:
-        library.mujoco.cache_clear()
 
 
 def test_wheels_drive_veer_and_turn_as_they_were_fitted() -> None:

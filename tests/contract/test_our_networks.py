@@ -332,27 +332,6 @@ def test_load_is_what_loses_messages_in_a_tree() -> None:
     assert shares[0] == 0.0 < shares[1] < shares[2]
 
 
-@pytest.mark.parametrize(
-    ("network", "robots", "params", "words"),
-    [
-        ("range", 5, {"range_m": 0.0}, r"network\.range\.range_m: 0\.0 is wrong: input should be greater than 0"),
-        ("loss_by_size", 4, {}, r"swarm\.robots: .* fitted to swarms of 5 to 10, not of 4"),
-        ("loss_by_size", 11, {}, r"swarm\.robots: .*, not of 11"),
-        ("tree", 3, {"parents": (1, 2, 0)}, r"parents: robots 0 -> 1 -> 2 -> 0 form a circle"),
-        ("tree", 4, {"parents": (1, 2, 1, -1)}, r"parents: robots 1 -> 2 -> 1 form a circle"),
-        ("tree", 3, {"parents": (0, -1, -1)}, r"parents: robots 0 -> 0 form a circle"),
-        ("tree", 3, {"parents": (-1, -1)}, r"2 parents for 3 robots"),
-        ("tree", 3, {"parents": (-1, -1, 3)}, r"3 \(of robot 2\) is not a node; give a robot from 0 to 2"),
-        ("tree", 6, {"parents": (-1,) * 6}, r"the base has 6 children; the radio allows 5"),
-        ("delay", 5, {"fixed_s": -1.0}, r"network\.delay\.fixed_s: -1\.0 is wrong"),
-        ("bursts", 5, {"bad_share": 1.5}, r"network\.bursts\.bad_share: 1\.5 is wrong"),
-    ],
-)  # fmt: skip
-def test_bad_input_is_said(network: str, robots: int, params: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        over(network, robots=robots, **params)
-
-
 def test_an_unlimited_range_is_written_and_read() -> None:
     scenario = over("range", range_m=math.inf)
     assert Scenario.from_toml(scenario.to_toml()) == scenario

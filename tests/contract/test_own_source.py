@@ -164,38 +164,7 @@ def with_failures(table: object) -> Callable[[Motion], Motion]:
     return with_table("failures", lambda none: table)
 
 
-UNKNOWN = pl.lit(None, pl.Float64)
-FEWER = pl.Enum(["stop", "drive"])
 FAILED = pl.DataFrame({"run": [7], "time_s": [3.0], "reason": ["fell over"]}, schema=FAILURES)
-WRONG_ROWS: dict[str, tuple[Callable[[Motion], Motion], str]] = {
-    "no moves of a robot": (with_moves(lambda t: t.filter(pl.col("robot") != 3)), "no move of robot 3 that begins at"),
-    "moves of more robots": (with_moves(lambda t: t.with_columns(robot=pl.col("robot") + 1)), "robots beyond 4"),
-    "moves of another run": (with_moves(lambda t: t.with_columns(run=pl.lit(9, pl.UInt32))), "other runs than 0"),
-    "moves from later on": (with_moves(lambda t: t.with_columns(start_s=pl.lit(2.0))), "no move of robot 0"),
-    "moves in no order": (with_moves(lambda t: t.reverse()), "not sorted by time and robot"),
-    "a place unknown": (with_moves(lambda t: t.with_columns(x_m=pl.lit(None, pl.Float64))), "'x_m' lacks a value"),
-    "a place that is nan": (with_moves(lambda t: t.with_columns(x_m=pl.lit(math.nan))), "'x_m' holds nan"),
-    "fewer kinds": (with_moves(lambda t: t.with_columns(pl.col("kind").cast(FEWER))), "moves has the columns"),
-    "a stop unknown": (with_samples(lambda t: t.with_columns(stop_start_s=UNKNOWN)), "'stop_start_s' lacks a value"),
-    "an endless stop": (with_samples(lambda t: t.with_columns(stop_s=pl.lit(math.inf, pl.Float32))), "'stop_s' holds"),
-    "a stop after its sample": (with_samples(lambda t: t.with_columns(stop_start_s=t["time_s"] + 1)), "is after its"),
-    "a number twice": (with_samples(lambda t: t.with_columns(sample=pl.lit(0, pl.UInt32))), "are not numbered in"),
-    "no robot": (with_samples(lambda t: t.with_columns(robot=pl.lit(None, pl.UInt16))), "'robot' lacks a value"),
-    "samples as a list": (with_samples(lambda t: t.rows()), "the table samples is list"),
-    "no end": (with_ends(lambda t: t.with_columns(end_s=UNKNOWN)), "ends: column 'end_s' lacks a value"),
-    "an end that is nan": (with_ends(lambda t: t.with_columns(x_m=pl.lit(math.nan))), "ends: column 'x_m' holds nan"),
-    "failures as a list": (with_failures([3]), "the table failures is list"),
-    "failures without reasons": (with_failures(FAILED.drop("reason")), "failures: does not .*: 'reason' is missing"),
-    "failures of another run": (with_failures(FAILED), "failures has rows of other runs than 0"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("stop", ["t_end", "all_decided"])
-@pytest.mark.parametrize("what", list(WRONG_ROWS))
-def test_wrong_moves_and_failures_are_refused(what: str, stop: str) -> None:
-    change, words = WRONG_ROWS[what]
-    with pytest.raises(CodeError, match=words):
-        simulate_with(change, stop)
 
 
 def test_numbers_of_samples_go_on_from_piece_to_piece() -> None:
@@ -223,8 +192,3 @@ def test_a_name_is_taken_once() -> None:
             register(wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no function init"):
         Source("none", None)  # type: ignore[arg-type]
-
-
-def test_the_nearest_name_is_given() -> None:
-    with pytest.raises(InputError, match="standing"):
-        source("standin")

@@ -10,7 +10,6 @@ import pytest
 from helpers.result_outcomes import assert_same_outcomes, from_result
 from vibroswarm import preset, simulate
 from vibroswarm.analysis.map_figures import floor_maps
-from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.scenario.scenario import Scenario
@@ -117,29 +116,6 @@ def test_maps_are_shown(option: str) -> None:
     pooled = maps.filter(maps["robot"].is_null())
     on, off = (pooled.filter(pooled["vibrates"] == kind)["vibrating"].mean() for kind in (1, 0))
     assert on > off + 0.3  # type: ignore[operator]
-
-
-@pytest.mark.parametrize(
-    ("values", "field", "said"),
-    [
-        ({"energies": True, "rate_pairs": True}, "rate_pairs", "does not go with energies"),
-        ({"draws": 1}, "draws", "2 to 4"),
-        ({"draws": 5}, "draws", "4"),
-        ({"draws": 2, "share_map": True}, "draws", "does not go with share_map"),
-    ],
-)
-def test_what_does_not_go_together_is_refused(values: dict[str, Any], field: str, said: str) -> None:
-    with pytest.raises(InputError) as caught:
-        TRUE.with_values({f"strategy.places.{name}": value for name, value in values.items()})
-    assert f"strategy.places.{field}" in str(caught.value)
-    assert said in str(caught.value)
-
-
-def test_a_map_that_does_not_fit_is_refused() -> None:
-    many = {"floor.rows": 12, "floor.columns": 12, "floor.source": "random:0.5"}
-    with pytest.raises(InputError, match="149 bytes; a message has 144") as caught:
-        simulate(of(TRUE, "map", **many), SEED, [0])
-    assert "strategy.places.share_map" in str(caught.value)
 
 
 @pytest.mark.slow

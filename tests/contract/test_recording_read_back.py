@@ -10,8 +10,8 @@ import polars as pl
 import pytest
 
 from vibroswarm.analysis.sampling import packet_loss, walk_figures
-from vibroswarm.analysis.verdict import confidence, verdict
-from vibroswarm.documents.run import result_document, verdict_document
+from vibroswarm.analysis.verdict import verdict
+from vibroswarm.documents.run import result_document
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.pose import pose
@@ -184,29 +184,6 @@ def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_pa
     assert shown.runs["stopped_early"].to_list() == [False]  # the session was ended by people
     assert set(shown.robots["decision"].to_list()) <= {-1, 0, 1}
     assert record_of(shown, title="replayed").consensus in ("right", "wrong", "split", "incomplete")
-
-
-def test_beliefs_without_logged_decisions_are_not_called_undecided() -> None:
-    """A robot's log may have its beliefs, but not its decisions."""
-    run = simulate(preset("paper").with_values({"run.t_end_s": 60.0}), 3)
-    robots, runs = (
-        table.with_columns(pl.lit(None, dtype=table.schema[name]).alias(name) for name in names)
-        for table, names in (
-            (run.robots, ("decision", "decision_time_s", "belief_at_decision")),
-            (run.runs, ("consensus", "consensus_time_s", "right", "wrong", "undecided")),
-        )
-    )
-    found = verdict(replace(run, robots=robots, runs=runs), 0)
-    document = verdict_document(found)
-    assert document.answer[0] == "Decisions were not logged."
-    assert document.answer[1].startswith("Confidence: decisions were not logged; belief in 'less' is")
-    assert set(document.tables["robots"].frame["decision"]) == {"not logged"}
-    assert "no robot decided" not in document.answer[1]
-    # A control: robots that are known not to have decided.
-    robots = robots.with_columns(decision=pl.lit(-1, dtype=robots.schema["decision"]))
-    undecided = verdict(replace(run, robots=robots), 0)
-    assert set(verdict_document(undecided).tables["robots"].frame["decision"]) == {"undecided"}
-    assert "no robot decided" in confidence(undecided)
 
 
 @pytest.mark.parametrize("strategy", ["bayes_bots", "places"])

@@ -11,7 +11,6 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from vibroswarm.documents.recording import replay_document
-from vibroswarm.errors import CodeError, InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import inference_columns
 from vibroswarm.recordings.assemble_recording import recording_of
@@ -28,10 +27,8 @@ from vibroswarm.recordings.replay import (
     with_beliefs,
 )
 from vibroswarm.result import Result
-from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
-from vibroswarm.strategies.base import forget
 
 KEY = ["run", "robot", "sample"]
 RULES = (
@@ -252,22 +249,6 @@ def test_a_lost_row_is_put_back(logs: list[Path], ground: Floor, told: Scenario,
     assert for_one > unsent
 
 
-def test_a_lost_row_without_an_energy_to_draw_from_is_refused(
-    logs: list[Path], ground: Floor, told: Scenario, tmp_path: Path
-) -> None:
-    """Of the samples above vibrating tiles all are lost: no energy is known for those that are put back."""
-    whole = recording_of([read_log(logs[0])], ground, described(told), RULES)
-    on_vibrating = whole.observations.with_columns(
-        vibrates=pl.Series(ground.tiles.ravel()[whole.observations["tile"].to_numpy()] == 1)
-    )
-    gone = set(whole.rows.filter(on_vibrating["vibrates"])["line"])
-    lines = [line for k, line in enumerate(logs[0].read_text().splitlines(), start=1) if k not in gone]
-    (tmp_path / "short.csv").write_text("\n".join(lines) + "\n")
-    found = recording_of([read_log(tmp_path / "short.csv")], ground, described(told), RULES, any_floor=True)
-    with pytest.raises(InputError, match=r"session 1: a row was lost on a vibrating tile, .* no energy"):
-        replay_recording(found, scenario_of(found, told), draws=1)
-
-
 def test_what_is_told(recording: Recording) -> None:
     logged = logged_outcomes(recording)
     replayed = session_outcomes(recording, replay_recording(recording, recording.scenario, draws=4))
@@ -300,102 +281,3 @@ def test_outcomes_of_two_draws_by_hand(recording: Recording) -> None:
     assert outcome.decision_time_s == pytest.approx((100.0 + second_s) / 2)
     assert outcome.decision_time_low_s == pytest.approx(100.0 + 0.05 * (second_s - 100.0))
     assert outcome.decision_time_high_s == pytest.approx(100.0 + 0.95 * (second_s - 100.0))
-
-
-COUNTS_BITS = """from vibroswarm.strategies import strategy_in
-
-
-class Params:
-    wrong: int = 0
-
-
-class State:
-    ones: int
-
-
-def begin(s, a, d, p, w):
-    s.ones = 0
-
-
-def on_counts(s, ones, zeros, p, w):
-    s.ones += ones
-    if p.wrong == 1:
-        raise ValueError('no')
-
-
-def on_sample(s, a, x, out, d, p, w):
-    return p.wrong != 2
-
-
-def decision(s, a, p, w):
-    return 7 if p.wrong == 3 else -1
-
-
-counter = strategy_in(__name__, "counter")
-"""
-
-
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        (1, "line 19, in on_counts: ValueError: no"),
-        (2, "on_sample did not send"),
-        (3, "a decision is none of -1"),
-    ],
-)
-def test_a_strategy_that_does_what_none_may_is_refused(
-    recording: Recording, tmp_path: Path, wrong: int, words: str
-) -> None:
-    """What it does wrong is a parameter: a kernel is compiled for each text."""
-    (tmp_path / "counter.py").write_text(COUNTS_BITS, encoding="utf-8")
-    with plugins.trust_code():
-        values = {"strategy.name": f"{tmp_path / 'counter.py'}:counter", "strategy.counter.wrong": wrong}
-        scenario = recording.scenario.with_values(values)
-        with pytest.raises(CodeError, match=words):
-            replay_recording(recording, scenario, draws=1)
-    forget("counter")
-
-
-@pytest.mark.parametrize(
-    "strategy", ["totals", "three_valued"]
-)  # they read contents of messages; one has a timer
-def test_a_strategy_that_needs_more_than_counts_is_refused(recording: Recording, strategy: str) -> None:
-    scenario = recording.scenario.with_values({"strategy.name": strategy})
-    with pytest.raises(InputError, match=r"strategy\.name.*logs only count messages.*none, positive, soft"):
-        replay_recording(recording, scenario, draws=1)
-
-
-TIMED = (
-    COUNTS_BITS.replace("    ones: int\n", "    ones: int\n    next_s: float\n").replace(
-        "def on_sample", "def on_timer(s, a, t_s, out, d, p, w):\n    return False\n\n\ndef on_sample"
-    )
-)  # fmt: skip
-REVISED = COUNTS_BITS.replace('"counter")', '"counter", decides="opinion")')
-
-
-@pytest.mark.parametrize(("code", "words"), [(TIMED, "has a timer"), (REVISED, "revises decisions")])
-def test_the_reason_of_a_refusal_is_the_strategys_own(
-    recording: Recording, tmp_path: Path, code: str, words: str
-) -> None:
-    (tmp_path / "counter.py").write_text(code, encoding="utf-8")
-    with plugins.trust_code():
-        scenario = recording.scenario.with_values({"strategy.name": f"{tmp_path / 'counter.py'}:counter"})
-        with pytest.raises(InputError, match=f"'.*' {words}, but a replay .*none, positive, soft") as refused:
-            replay_recording(recording, scenario, draws=1)
-    assert "who sent what" not in str(refused.value)
-    forget("counter")
-
-
-@pytest.mark.parametrize("seed", [-1, 2**63 - 1])
-def test_seeds_of_all_draws_are_checked_first(recording: Recording, seed: int) -> None:
-    with pytest.raises(InputError, match=f"seed: {seed} is wrong; give a whole number from 0 to {2**63 - 2}"):
-        replay_recording(recording, recording.scenario, draws=2, seed=seed)
-
-
-def test_what_happened_cannot_be_changed(recording: Recording, made: Result) -> None:
-    with pytest.raises(InputError, match="cannot be changed in the replay"):
-        replay_recording(
-            recording, recording.scenario.with_values({"network.name": "loss", "network.loss.share": 0.5})
-        )
-    with pytest.raises(InputError, match="was recorded: what its robots read cannot be drawn again"):
-        replay(recording, recording.scenario)

@@ -9,7 +9,6 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from vibroswarm import preset, replay, simulate
-from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import infer
 from vibroswarm.inference.replayer import MessagesReplayer
@@ -49,33 +48,6 @@ def test_a_replay_is_the_simulation(moved: Result, values: dict[str, object]) ->
 
 def test_nothing_changed_is_the_same_result(moved: Result) -> None:
     assert replay(moved, BASE) == moved
-
-
-@pytest.mark.parametrize(
-    "name", ["walk.leg_min_ms", "sample.sample_interval_ms", "arena.width_m", "run.t_end_s"]
-)
-def test_what_moves_the_robots_is_refused(moved: Result, name: str) -> None:
-    section, _, field = name.partition(".")
-    other = BASE.with_values({name: getattr(getattr(BASE, section), field) * 1.5})
-    with pytest.raises(InputError, match=section):
-        replay(moved, other)
-
-
-def test_a_run_that_was_cut_short_is_refused() -> None:
-    short = BASE.with_values({"run.stop": "all_decided"})
-    with pytest.raises(InputError, match="cut short"):
-        replay(simulate(short, 9), short)
-
-
-def test_robots_that_steer_are_refused(moved: Result) -> None:
-    """Neither their motion nor that of other robots is what simulating the other strategy gives."""
-    steering = BASE.with_values({"strategy.name": "explore", "run.t_end_s": 20.0})
-    with pytest.raises(InputError, match="'explore' steers its robots"):
-        replay(moved, steering.with_values({"run.t_end_s": BASE.run.t_end_s}))
-    steered = simulate(steering, 9)
-    for other in ("none", "explore"):
-        with pytest.raises(InputError, match="steer"):
-            replay(steered, steering.with_values({"strategy.name": other}))
 
 
 def test_more_messages_than_there_is_room_for_at_first_are_all_there(monkeypatch: pytest.MonkeyPatch) -> None:

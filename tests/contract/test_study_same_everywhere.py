@@ -7,13 +7,11 @@ import multiprocessing
 import os
 import random
 import signal
-import subprocess
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import polars as pl
@@ -22,15 +20,14 @@ from polars.testing import assert_frame_equal
 
 from helpers.dask_cluster import Cluster
 from helpers.forked import FORKED, begin, begin_another, run_study
-from vibroswarm.core.child_python import command, environment
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.study import executors, runner
+from vibroswarm.study import executors
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
 from vibroswarm.study.executors import workers_for
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.run import merge
-from vibroswarm.study.runner import Job, StudyProgress, failures_in_words, run_batch
+from vibroswarm.study.runner import Job, StudyProgress, run_batch
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import SHARDS, Store
 from vibroswarm.study.study_result import StudyResult
@@ -153,23 +150,6 @@ def test_no_process_is_started_once_the_pools_end() -> None:
     assert not multiprocessing.active_children()
 
 
-BLOCKED = """
-import signal
-from vibroswarm.study.executors import SingleProcessPools
-pools = SingleProcessPools(1)
-print(pools.submit(signal.pthread_sigmask, signal.SIG_BLOCK, []).result())
-pools.shutdown()
-"""
-
-
-def test_the_first_process_holds_off_ctrl_c_while_it_starts() -> None:
-    """Multiprocessing's resource tracker, which starts with the first process, lets Ctrl-C through again."""
-    said = subprocess.run(
-        command("-c", BLOCKED), env=environment(), capture_output=True, text=True, timeout=120
-    )
-    assert "SIGINT" in said.stdout, said.stderr
-
-
 @pytest.mark.slow
 def test_a_dask_worker_is_killed_in_the_middle(alone: StudyResult, tmp_path: Path) -> None:
     with Cluster(tmp_path, 2) as cluster:
@@ -241,17 +221,6 @@ def test_any_executor_may_be_passed_in(alone: StudyResult, tmp_path: Path) -> No
             )
             is not None
         ), "it is left open"
-
-
-def test_a_pool_of_processes_of_the_caller(alone: StudyResult, tmp_path: Path) -> None:
-    with ProcessPoolExecutor(1, FORKED) as pool:
-        some = STUDY.with_runs(100).run(tmp_path / "s", executor=pool)
-        assert_frame_equal(some.runs(), alone.runs().filter(pl.col("run") < 100), check_exact=True)
-        for process in multiprocessing.active_children():
-            process.kill()
-        with pytest.raises(RunError, match="the workers are gone"):
-            STUDY.run(tmp_path / "s", executor=pool)
-    assert_same(STUDY.run(tmp_path / "s"), alone)
 
 
 def test_several_writers_at_once_who_know_nothing_of_each_other(alone: StudyResult, tmp_path: Path) -> None:
@@ -360,52 +329,11 @@ def test_a_batch_that_fails_twice_is_told_and_can_be_run_alone(
     assert_same(STUDY.run(tmp_path / "s"), alone)
 
 
-def test_a_batch_is_not_added_to_runs_of_another_version(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    STUDY.run(tmp_path / "s")
-    monkeypatch.setattr(runner.Store, "made_by", [{"code": "another"}])
-    with pytest.raises(InputError, match="version"):
-        run_batch(STUDY, tmp_path / "s", "0:0-5")
-    run_batch(STUDY, tmp_path / "s", "0:0-5", mixed=True)
-
-
-def test_a_repetition_is_retried_as_a_whole(tmp_path: Path) -> None:
-    """``--batch`` runs a batch of the study itself, with its seed."""
-    STUDY.run(tmp_path / "s")
-    store = Store.open(tmp_path / "s")
-    store.add_failure(batch_of(STUDY, plan_of(STUDY).groups[0], RUNS, RUNS + 5), "because")
-    assert "Run it alone with --batch" in failures_in_words(store)
-    words = failures_in_words(store, is_repetition=True)
-    assert words.startswith("5 runs failed, in 1 batch on other seeds; all others are saved.")
-    assert "--batch" not in words
-    assert "Run the same command again to retry all." in words
-
-
 @pytest.mark.parametrize("batch", ["", "0", "0:1", "0:5-5", "9:0-5", "a:0-5", "0:0-99999999999", "0:-1-5"])
 def test_what_is_no_batch_is_said(batch: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--batch"):
         run_batch(STUDY, tmp_path / "s", batch)
     assert not (tmp_path / "s").exists()
-
-
-def test_a_precision_stops_at_a_failure_and_goes_on_when_it_is_mended(
-    alone_until: StudyResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with monkeypatch.context() as patch:
-        patch.setattr(executors, "do_batch", fails(ValueError("bad"), 0, 2))
-        with pytest.raises(RunError, match="failed"):
-            UNTIL.run(tmp_path / "s")
-    assert_same(UNTIL.run(tmp_path / "s"), alone_until)
-
-
-def test_a_panic_that_is_no_exception_is_a_failure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    class Panic(BaseException):
-        pass
-
-    monkeypatch.setattr(executors, "do_batch", fails(Panic("at the disco"), 0, 2))  # type: ignore[arg-type]
-    with pytest.raises(RunError, match="Panic: at the disco"):
-        STUDY.with_runs(100).run(tmp_path / "s")
 
 
 def test_a_worker_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -465,14 +393,6 @@ def test_an_executor_that_is_not_there(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_scheduler_file_that_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "CONNECT_S", 0.3)
-    for text in ("{", "[]", "{}"):
-        (tmp_path / "f.json").write_text(text)
-        with pytest.raises(InputError, match="executor"), workers_for(str(tmp_path / "f.json")):
-            pass
-
-
 def test_a_process_ends_when_the_one_that_started_it_is_killed() -> None:
     ours, theirs = FORKED.Pipe()
     process = begin(begin_another, theirs)
@@ -483,43 +403,6 @@ def test_a_process_ends_when_the_one_that_started_it_is_killed() -> None:
     while Path(f"/proc/{child}").exists() and "zombie" not in Path(f"/proc/{child}/status").read_text():
         assert time.monotonic() < until_s
         time.sleep(0.05)
-
-
-def sync(function: Callable[[], Any], callback_timeout: float) -> Any:
-    """As the method of a client of Dask."""
-    return asyncio.run(asyncio.wait_for(function(), callback_timeout))
-
-
-def test_what_dies_while_its_versions_are_asked_is_not_taken_for_a_wrong_installation() -> None:
-    comm = pytest.importorskip("distributed.comm")
-    own = executors.versions()
-
-    def client(replies: Any) -> Any:
-        async def run(*_: object, **__: object) -> Any:
-            if isinstance(replies, Exception):
-                raise replies
-            return replies
-
-        return SimpleNamespace(run=run, sync=sync)
-
-    executors._check_dask_versions(client({"a": own, "b": comm.CommClosedError("closed")}), mixed=False)
-    with pytest.raises(RunError, match="the Dask scheduler is gone"):
-        executors._check_dask_versions(client(comm.CommClosedError("closed")), mixed=False)
-    for wrong in (ImportError("no vibroswarm"), own | {"numpy": "1"}):  # the negative control
-        with pytest.raises(InputError, match=r"cannot import vibroswarm|other versions"):
-            executors._check_dask_versions(client({"a": own, "b": wrong}), mixed=False)
-
-
-def test_a_scheduler_that_ends_right_after_it_answered_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    comm = pytest.importorskip("distributed.comm")
-
-    async def nthreads() -> Any:
-        raise comm.CommClosedError("closed")
-
-    client = SimpleNamespace(nthreads=nthreads, sync=sync, close=lambda timeout: None)
-    monkeypatch.setattr(executors, "_connected", lambda *_: client)
-    with pytest.raises(RunError, match="the Dask scheduler is gone"), workers_for("dask://localhost:1"):
-        pass
 
 
 def test_no_waiting_for_a_scheduler_that_ends_while_it_sends_a_result_or_does_not_answer(

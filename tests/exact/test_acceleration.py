@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -13,8 +12,6 @@ from scipy.stats import kurtosis
 
 import vibroswarm as v
 from vibroswarm.cli import main
-from vibroswarm.errors import InputError
-from vibroswarm.export.c_library import library_files
 from vibroswarm.floors.place import Place
 from vibroswarm.observation.energy_model import error_rates, sensor_warnings
 from vibroswarm.observation.observe import Places, sense_program
@@ -300,38 +297,6 @@ def test_its_law_of_energies_tells_the_kinds_apart() -> None:
     assert still[2] > 5 * vibrating[2]
 
 
-@pytest.mark.parametrize(
-    ("fields", "words"),
-    [
-        ({"features": ("band_200",)}, "needs a rate above 400 Hz"),
-        ({"features": ("band_1.5",)}, "shorter than a period of 'band_1.5'"),
-        ({"features": ("loudness",)}, "no feature 'loudness'"),
-        ({"features": ("band_nan",)}, "no feature 'band_nan'"),
-        ({"features": ("variance", "variance")}, "'variance' is listed twice"),
-        ({"features": ("energy",)}, "energy is always the first number"),
-        ({"motor_hz": 165}, r"165 is wrong: give a list, such as \[165\]"),
-        ({"motor_hz": ()}, "motor_hz"),
-        ({"amplitude_shares": (1.0, 2.0)}, "lists 2 for the 1 of"),
-        ({"motor_hz": (1.0,)}, "shorter than a period of the motor"),
-        ({"cutoff_hz": 175.0}, "175 Hz is not below half of the rate"),
-        ({"rate_hz": 120.0}, r"65\.5 Hz \(if it is omitted\) is not below half of the rate"),
-        ({"signal_ms": 1500.0}, "longer than the stop"),
-        ({"signal_ms": 10.0}, "fewer than 8 readings"),
-    ],
-)
-def test_bad_input_is_refused_in_words(fields: dict[str, object], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        scenario(**fields)
-
-
-@pytest.mark.parametrize(
-    "field", [{"sensor.edge_reach_m": 0.01}, {"sensor.tile_spread": 0.1}, {"sample.signal_ms": 300.0}]
-)
-def test_options_of_laws_are_refused(field: dict[str, object]) -> None:
-    with pytest.raises(InputError, match=next(iter(field)).replace(".", r"\.")):
-        scenario().with_values(field)
-
-
 ALIASED = [
     ((165.0, 185.0), {}, "show it at 165 Hz"),  # folds onto it
     ((100.0, 450.0), {}, "show it at 100 Hz"),  # one rate higher
@@ -486,13 +451,6 @@ def test_a_sample_measures_the_features_that_are_asked_for() -> None:
     assert MODEL.sensed(samples, p)[0, 1] == pytest.approx(own, rel=0.05)
 
 
-def test_a_robot_with_other_rates_is_exported() -> None:
-    files = library_files(scenario(rate_hz=1000.0, cutoff_hz=40.0).with_values({"strategy.name": "soft"}))
-    (text,) = (text for name, text in files.items() if name.endswith("vibroswarm_parameters.h"))
-    assert "#define VS_SENSING_RATE_HZ VS_R(1000.0)" in text
-    assert f"#define VS_SENSING_FEEDBACK VS_R({high_pass(40.0, 1000.0)[0]!r})" in text
-
-
 def test_commands_warn_of_aliases(capsys: pytest.CaptureFixture[str]) -> None:
     options = [
         "--task",
@@ -508,20 +466,6 @@ def test_commands_warn_of_aliases(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", *options, *motors]) == 0
     said = "Warning: kind 2 (185 Hz) is read as kind 1 (165 Hz) in 100 % of samples, even far from edges"
     assert said in capsys.readouterr().err
-
-
-def test_what_is_said_of_a_plate_is_so() -> None:
-    """Modes of a thin plate, pi/2 (m^2 + n^2) sqrt(D / (rho h)), and the share that the filter lets through."""
-    stiffness = 205e9 * 0.003**3 / 12 / (1 - 0.3**2)
-    modes_hz = [math.pi / 2 * k * math.sqrt(stiffness / (7850 * 0.003)) for k in (2, 5, 8, 10)]
-    program = sensing(scenario().sensor.params)
-    shares = [gain(hz, 350.0, program.feedback, program.forward) for hz in modes_hz]
-    text = " ".join((Path(__file__).parents[2] / "docs" / "vibration.md").read_text(encoding="utf-8").split())
-    assert "{:.1f}, {:.1f}, {:.1f} and {:.1f} Hz".format(*modes_hz) in text
-    assert (
-        "lets {:.0f}, {:.0f}, {:.0f} and {:.0f} % of the amplitude".format(*(100 * one for one in shares))
-        in text
-    )
 
 
 def test_noise_is_made_of_the_published_numbers_of_splitmix64() -> None:

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from vibroswarm.analysis.decidability import decidability
 from vibroswarm.documents.run import run_document
-from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.source import MOTION
 from vibroswarm.observation.decision_boundary import (
@@ -164,23 +163,6 @@ def test_a_rate_that_is_given_goes_before_the_sensors() -> None:
     assert readings_boundary(asked) == pytest.approx(0.5 * (1 - b) + 0.5 * 0.25, abs=1e-12)
     asked = PAPER.with_values({**TILES, "decision.assumed_false_negative": 0.05})
     assert readings_boundary(asked) == pytest.approx(0.5 * 0.95 + 0.5 * a, abs=1e-12)
-
-
-REFUSED: dict[str, dict[str, Any]] = {
-    "sum to less than 1": {**TILES, "sensor.rms_threshold": 0.0, "sensor.vibrating_location": -0.5},
-    "sum to 1 or more": {**TILES, "decision.assumed_false_positive": 0.5, "decision.assumed_false_negative": 0.5},
-    "neutral at a boundary of 0.5 only, and this one is tested at": {**TILES, "strategy.name": "soft"},
-    "and decision.decision_boundary is 0.3": {"strategy.name": "soft", "decision.decision_boundary": 0.3},
-    "reach over too many tiles": {
-        **TILES, "sensor.edge_reach_m": 0.5, "floor.rows": 50, "floor.columns": 50, "floor.source": "random:0.5"
-    },
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("words", REFUSED)
-def test_what_is_refused(words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        readings_boundary(PAPER.with_values(REFUSED[words]))
 
 
 def test_soft_feedback_is_neutral_where_its_bits_are_as_likely_as_the_boundary() -> None:

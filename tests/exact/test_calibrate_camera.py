@@ -9,7 +9,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from helpers.commands import output_of, words_of
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.real_vs_simulated import camera_between, compare
 from vibroswarm.floors.floor import Floor
@@ -81,16 +80,3 @@ def test_a_camera_stands_between_a_recording_and_a_simulation_only(made: Result,
     assert camera_between(seen, seen) == RIGHT
     assert camera_between(made, with_camera) == RIGHT
     assert camera_between(seen, made) == RIGHT
-
-
-def test_the_command_names_it(
-    made: Result, seen: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-
-    seen.write(tmp_path / "real")
-    replace(made, scenario=made.scenario.with_values(CAMERA.fields())).write(tmp_path / "made")
-    told = words_of(capsys, "calibrate", "compare", str(tmp_path / "real"), str(tmp_path / "made"))
-    assert "magnification 1.05, shift +4.0 mm to the right, -6.0 mm up" in told
-    assert "without camera" in told
-    arguments = ["calibrate", "compare", str(tmp_path / "real"), str(tmp_path / "made"), "--no-camera"]
-    assert "camera" not in output_of(capsys, *arguments)

@@ -22,9 +22,7 @@ from vibroswarm.calibrate.similarity import (
     effect_size,
     mean_distance,
     null_similarity,
-    similarity,
 )
-from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
@@ -174,15 +172,6 @@ def test_limits_of_an_accuracy_hold_for_other_simulated_sessions_too(simulations
     assert (found.low, found.high) == (0.0, 1.0)
 
 
-def test_sessions_too_short_for_the_classifier_are_refused_in_a_sentence(
-    simulations: tuple[object, ...],
-) -> None:
-    whole, other = (sessions_of(result).samples for result in simulations[:2])  # type: ignore[arg-type]
-    short = [session.filter(pl.col("sample") < 10) for session in whole]
-    with pytest.raises(InputError, match="has fewer than 20 intervals"):
-        classifier_accuracy(short, other)
-
-
 def test_the_sample_table(simulations: tuple[object, ...]) -> None:
     result = simulations[0]
     table = sample_table(result)  # type: ignore[arg-type]
@@ -249,12 +238,6 @@ RANGES = {
 }
 DROPPED_FROM = {"vibrating": 5.0, "still": 3.0}
 BINS = {"avoidance": 79, "vibrating": 59, "still": 59, "places": 225, "distances": 576, "steps": 1521}
-
-
-def test_an_unknown_feature_is_refused_and_not_taken_for_places() -> None:
-    values = np.random.default_rng(1).random((30, 2))
-    with pytest.raises(InputError, match=r"^feature: there is no 'place', did you mean 'places'"):
-        similarity("place", values, values)
 
 
 @pytest.mark.parametrize("feature", FEATURES)

@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage, stats
 
-from helpers.commands import output_of, refusal_of
+from helpers.commands import output_of
 from vibroswarm import Scenario, preset, replay, simulate
 from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.documents.run import run_document
@@ -392,22 +392,6 @@ def test_what_does_not_fit_is_refused(values: dict[str, Any], field: str, words:
     assert words in str(caught.value)
 
 
-def test_changes_of_a_floor_are_checked() -> None:
-    def changes(time_s: float, tile: int, kind: int) -> Changes:
-        return Changes(np.array([time_s]), np.array([tile], dtype=np.int32), np.array([kind], dtype=np.uint8))
-
-    Floor([[0, 1]], 1.0, 1.0, changes=changes(1.0, 1, 0))
-    for wrong in (
-        changes(0.0, 1, 0),
-        changes(NAN, 1, 0),
-        changes(1.0, 2, 0),
-        changes(1.0, -1, 0),
-        changes(1.0, 1, 16),
-    ):
-        with pytest.raises(InputError):
-            Floor([[0, 1]], 1.0, 1.0, changes=wrong)
-
-
 def test_the_floor_of_a_recording_may_change(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The log of a simulated run, imported with its floor: tiles, truths and replays are those of the run."""
     simulated = simulate(
@@ -451,57 +435,6 @@ def test_a_run_in_which_no_robot_sampled_gave_no_answer() -> None:
     assert answers["run"].to_list() == [0, 1]
     assert answers["right_at_decision"].to_list() == [0.0, 0.0]  # a share of all robots
     assert "INCOMPLETE" in result._repr_html_()
-
-
-def test_a_recording_has_no_random_changes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "floor.txt").write_text("01\n10\n")
-    command = [
-        "lab",
-        "import",
-        "no.csv",
-        "--floor",
-        str(tmp_path / "floor.txt"),
-        "--out",
-        str(tmp_path / "lab"),
-    ]
-    assert "change: is random, but a recording's floor changed as it did" in refusal_of(
-        capsys, *command, "--set", "change.rate_per_h=1"
-    )
-
-
-@pytest.mark.parametrize("text", ["at_s=300,900", "shares=0.4,0.6"])
-def test_numbers_in_one_text_are_refused_with_the_list_that_is_meant(
-    text: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    numbers = text.partition("=")[2].replace(",", ", ")
-    assert f"write a list: [{numbers}]" in refusal_of(
-        capsys, "run", "--set", f"change.{text}", "--set", "change.to=invert"
-    )
-
-
-def test_detection_is_on_a_floor_that_stays(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "change: must be left out" in refusal_of(
-        capsys, "detect", "--runs", "1", "--set", "change.at_s=10", "--set", "change.to=invert"
-    )
-
-
-def test_answers_right_only_after_a_change_are_reported() -> None:
-    """Robots that take all for still decide so at once; the floor changes later."""
-    blind = {
-        "run.t_end_s": 200.0,
-        "decision.min_observations": 5,
-        "sensor.rms_threshold": 3.0,
-        "change.at_s": 150.0,
-    }
-    became, were = (
-        run_document(
-            simulate(preset("paper").with_values({**blind, "floor.source": floor, "change.to": to}), 1, 1), 0
-        )
-        for floor, to in (("random:0.6", "invert"), ("random:0.4", "random:0.04"))
-    )
-    assert became.answer[-1] == "Right by the floor at the end; when given, 0 % of the answers were right."
-    assert not [words for words in were.answer if "when given" in words]
-    assert "(1 of 25 tiles vibrates, fill ratio 0.04 at the end)" in were.parts[0].words
 
 
 def test_expected_readings_of_each_kind_are_means_over_time() -> None:

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from helpers.commands import output_of, refusal_of, remarks_of
+from helpers.commands import output_of
 from vibroswarm import Result, Scenario, Study, preset, simulate, strategies
 from vibroswarm.analysis.answers_over_time import Answer, answers_in, course_of, judged, swarm_answers
 from vibroswarm.errors import InputError
@@ -467,24 +467,3 @@ def test_questions_and_answers_must_fit(name: str, values: dict[str, Any], field
     with pytest.raises(InputError) as caught:
         scenario(name, **values)
     assert caught.value.field == field
-
-
-def test_what_is_probably_not_meant_is_a_warning(capsys: pytest.CaptureFixture[str]) -> None:
-    short = ["run", "--tiles", "10x10", "--floor", "random:0.4", "--set", "run.t_end_s=20"]
-    inverted = ["--set", "change.at_s=10", "--set", "change.to=invert"]
-    assert "decisions are final; set decision.revise" in remarks_of(capsys, *short, *inverted)
-    assert "decisions are final" not in remarks_of(capsys, *short, *inverted, "--task", "share")
-    assert "Warning: the floor changes" not in remarks_of(
-        capsys, *short, *inverted, "--strategy", "forget", "--set", "decision.revise=true"
-    )
-    tells = ["--strategy", "reset", "--task", "changed", "--set", "strategy.reset.tells_change=true"]
-    for since, is_warned in (("start", True), ("answer", False)):
-        asked = ["--set", "strategy.reset.tells_anew=true", "--set", f"task.changed.since={since}"]
-        said = remarks_of(capsys, *short, *inverted, *tells, *asked)
-        assert ("robots withdraw each answer but are asked only once" in said) == is_warned
-    assert "the run ends at 20 s, and the floor changes at 20 s" in remarks_of(
-        capsys, *short, "--set", "change.at_s=20", "--set", "change.to=invert"
-    )
-    assert refusal_of(capsys, *short, "--set", "decision.revise=true").startswith(
-        "vibroswarm: error: --set decision.revise: has no effect: the strategy never revises"
-    )

@@ -10,14 +10,10 @@ import pytest
 from scipy import stats
 
 from vibroswarm import Result, Scenario, preset, simulate
-from vibroswarm.analysis.decidability import decidability
-from vibroswarm.analysis.robot_knowledge import claims_warnings
-from vibroswarm.documents.knowledge import told
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer_and_report
 from vibroswarm.motion.source import Motion
-from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.observation.energy_model import claimed_rates, claims_differ, likelihood_at, rates
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import SensorModel, forget, register
@@ -134,15 +130,6 @@ def test_without_a_likelihood_robots_know_the_truth() -> None:
     assert not claims_differ(sensor)
 
 
-def test_a_likelihood_that_is_no_density_is_refused_in_words() -> None:
-    with pytest.raises(
-        CodeError, match=r"'mine', likelihood: sums to 0\.3.* on kind 1.*sensor\.claimed_rates"
-    ):
-        claimed_rates(
-            mine(lambda kind, value, p: stats.norm.pdf(value, kind, 0.3) * (1.0 if kind == 0 else 0.3))
-        )
-
-
 # Who goes by it
 
 
@@ -200,49 +187,7 @@ def timeline(scenario: Scenario, result: Result) -> Any:
     return timeline_of(scenario, Motion(result.motion, result.ends, None, result.moves))
 
 
-def test_what_can_be_decided_is_said_of_the_true_law() -> None:
-    base = preset("paper").with_values({"decision.decision_boundary": 0.4, "decision.boundary_of": "tiles"})
-    wrong = base.with_values(
-        {"sensor.claimed_rates": [[0.7, 0.3], [0.01, 0.99]], "floor.source": "random:0.44"}
-    )
-    found, honest = decidability(wrong), decidability(base.with_values({"floor.source": "random:0.44"}))
-    assert readings_boundary(wrong) == pytest.approx(0.4 * 0.99 + 0.6 * 0.3)
-    assert found.share == honest.share
-    assert (honest.verdict, found.verdict) == ("decidable", "wrong side")
-    assert found.says.endswith("robots correct them by the rates that they claim.")
-    assert "rates that they claim" not in honest.says
-
-
 # What is said
-
-
-def test_reports_say_that_robots_are_wrong() -> None:
-    scenario = preset("paper").with_values({"strategy.name": "places", "sensor.claimed_rates": SURE})
-    (said,) = (text for text in told([scenario]) if "wrong" in text)
-    assert said == (
-        "Robots are wrong about their sensor: they expect 1.0 % false positives and 1.0 % false negatives, and the "
-        "true rates are 14.4 % and 14.1 %."
-    )
-    three = preset("paper").with_values({**THREE, "sensor.claimed_rates": TURNED})
-    assert any(
-        "60.0 % of the samples on kind 1 to read as 1, and the true share is 90.0 %" in s
-        for s in told([three])
-    )
-    assert not any(
-        "wrong" in text for text in told([preset("paper").with_values({"strategy.name": "places"})])
-    )
-
-
-def test_a_claim_without_effect_is_said() -> None:
-    scenario = preset("paper").with_values({"sensor.claimed_rates": SURE})
-    assert [text for text in claims_warnings(scenario) if "no effect" in text]
-    assert not claims_warnings(scenario.with_values({"strategy.name": "places"}))
-    assumed = preset("paper").with_values({"decision.assumed_false_negative": 0.3})
-    assert [text.partition(":")[0] for text in claims_warnings(assumed)] == [
-        "decision.assumed_false_negative has no effect"
-    ]
-    assert not claims_warnings(assumed.with_values({"decision.boundary_of": "tiles"}))
-    assert not any("wrong" in text for text in told([scenario]))
 
 
 @pytest.mark.parametrize(

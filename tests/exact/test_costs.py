@@ -17,7 +17,7 @@ from vibroswarm.core.numbers import with_limits
 from vibroswarm.errors import InputError
 from vibroswarm.optimize import costs
 from vibroswarm.optimize.grid import _above_best
-from vibroswarm.optimize.objective import Objective, bootstrap, corrected, objectives_from, worst_case
+from vibroswarm.optimize.objective import Objective, bootstrap, corrected, worst_case
 from vibroswarm.optimize.outcomes import Outcomes, from_tables, outcomes_of
 from vibroswarm.optimize.validation import Scored, paired_score, scored_of
 
@@ -206,43 +206,6 @@ def test_no_decision_is_right_on_the_boundary() -> None:
     for cost in (costs.intended, costs.errors, costs.consensus, costs.at_error):
         with pytest.raises(InputError, match="boundary"):
             cost(found)
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        (lambda o: np.full(o.run.size, NAN), "nan for 2 of 2"),
-        (lambda o: np.array([1.0, np.inf]), "inf for 1 of 2"),
-        (lambda o: np.zeros(3), r"shape \(3,\)"),
-        (lambda o: 1.0, r"shape \(\)"),
-        (lambda o: "cheap", "gives str"),
-        (lambda o: np.zeros((o.run.size, 2)), r"shape \(2, 2\) for 2 runs; return one number per run"),
-    ],
-)
-def test_a_cost_that_gives_no_number_a_run_is_refused(given: object, told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        Objective("mine", function=given).figures(BY_HAND)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("block", "told"),
-    [
-        ({"cost": "intendet"}, "did you mean 'intended'"),
-        ({"cost": 3}, "not a text"),
-        ({"statistic": "median"}, "quantile"),
-        ({"statistic": "quantile 2"}, "quantile"),
-        ({"over": "best"}, "worst, mean"),
-        ({"cost": "errors", "mis": 2}, "did you mean 'miss'"),
-        ({"cost": "errors", "miss": -1}, "from 0"),
-        ({"cost": "time_at_error", "max_error": 0}, "share"),
-        ({"miss": 1}, "no such parameter"),
-        ([], "list of such tables"),
-        ("intended", "list of such tables"),
-    ],
-)
-def test_objectives_that_are_wrong(block: object, told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        objectives_from(block)
 
 
 def test_arrays_of_a_run_are_those_of_its_tables() -> None:

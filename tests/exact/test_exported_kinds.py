@@ -27,7 +27,6 @@ from helpers.exported_robots import (
     run_program,
 )
 from vibroswarm import preset, simulate
-from vibroswarm.errors import InputError
 from vibroswarm.export import c_library
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.plain_program import plain_program
@@ -250,28 +249,6 @@ def test_c_reads_several_numbers_as_the_file_of_the_sensor_does(tmp_path: Path) 
     # A control: other parameters read other classes.
     other = p.model_copy(update={"width": 0.69})
     assert [nearest_class(row, other) for row in values.tolist()] != expected
-
-
-def test_numbers_that_are_read_by_numpy_are_not_exported() -> None:
-    register(of_four_numbers(reading=lambda value, p: value[:, :3].argmax(axis=1)))
-    try:
-        with pytest.raises(InputError, match=r"a, b, c, d by NumPy .* give its file class_of\(v, p\)"):
-            parts_of(CLASSES.with_values({"sensor.model": "bells"}))
-    finally:
-        forget("bells")
-
-
-@pytest.mark.parametrize(
-    ("functions", "words"),
-    [
-        ({"reading": lambda value, p: value[:, 0] > 0, "class_of": nearest_class}, "takes the place"),
-        ({}, "has no function reading"),
-        ({"class_of": 3}, "has no function class_of"),
-    ],
-)
-def test_a_sensor_says_once_how_it_reads(functions: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        of_four_numbers(**functions)
 
 
 class Shaken:

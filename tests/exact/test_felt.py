@@ -10,7 +10,6 @@ import polars as pl
 import pytest
 from scipy import stats
 
-from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import Place
 from vibroswarm.motion.source import MOTION
@@ -194,15 +193,6 @@ def test_error_rates_on_a_floor_are_those_of_samples_all_over_it() -> None:
     assert sensed_shares_on(Sensor(), floor, (1.0, 1.0)) == pytest.approx(
         (floor.fill_ratio, floor.fill_ratio, 0.0)
     )
-
-
-def test_too_many_factors_are_refused() -> None:
-    with pytest.raises(InputError, match="at most"):
-        Scenario().with_values(
-            {"sensor.tile_spread": 0.1, "sensor.robot_spread": 0.1, "floor.rows": 1500, "floor.columns": 1500}
-        )
-    with pytest.raises(InputError, match=r"sensor\.edge_blur_m"):
-        Scenario().with_values({"sensor.edge_blur_m": -0.1})
 
 
 SIDE_M = 0.5

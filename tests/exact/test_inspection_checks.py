@@ -67,26 +67,6 @@ def test_swapped_laws_are_not_certified(tmp_path: Path) -> None:
     assert right.refusals == ()
 
 
-def test_checks_of_few_samples_of_each_robot_are_not_made() -> None:
-    samples = replace(drawn_samples(1, count=45, spread_m=0.0), law=LAW)
-    intact = samples.with_columns(value=values_at(LAW, np.random.default_rng(1).random(45), False))
-    nothing = Others(intact, {robot: np.zeros(9) for robot in range(5)}, np.zeros(45))
-    assert outcomes(intact, nothing) == {
-        "law of still places": "not refused", "robots against each other": "not made", "drift": "not made",
-        "places": "not testable",
-    }  # fmt: skip
-
-
-def test_drift_is_not_testable_where_each_robot_has_one_time() -> None:
-    samples = replace(drawn_samples(1, count=100, spread_m=0.0), law=LAW)
-    robot = samples.frame["robot"].to_numpy().astype(float)
-    value = values_at(LAW, np.random.default_rng(1).random(100), False)
-    nothing = Others(samples, {one: np.zeros(9) for one in range(5)}, np.zeros(100))
-    assert outcomes(samples.with_columns(value=value), nothing)["drift"] == "not refused"
-    for time_s in (np.zeros(100), robot):
-        assert outcomes(samples.with_columns(value=value, time_s=time_s), nothing)["drift"] == "not testable"
-
-
 def test_a_drift_that_all_robots_share_is_found_by_all_together() -> None:
     """Robot by robot it was noticed in fewer than half."""
     samples = replace(drawn_samples(1, count=600, spread_m=0.0), law=LAW)
@@ -283,17 +263,6 @@ def test_bits_are_weighed_by_claimed_rates_also_where_tiles_differ() -> None:
     assert differ.stopping.told == pytest.approx(alike.stopping.told)
 
 
-def test_measured_values_of_which_many_are_equal_are_checked() -> None:
-    """Drawn surfaces had no equal values, so that the law of every intact surface was refused."""
-    random = np.random.default_rng(1)
-    reference = (random.random((2, 300)) < [[0.7], [0.3]]) * 0.3  # no number of single precision
-    samples = replace(drawn_samples(1, count=400, spread_m=0.0), law=law_of_measured(*reference, "measured"))
-    nothing = Others(samples, {robot: np.zeros(9) for robot in range(5)}, np.zeros(400))
-    for share, outcome in ((0.3, "not refused"), (0.6, "refused"), (0.03, "refused")):
-        value = 0.3 * (random.random(400) < share)
-        assert outcomes(samples.with_columns(value=value), nothing)["law of still places"] == outcome
-
-
 def test_a_gain_that_is_not_in_the_reference_is_noticed_by_100_values() -> None:
     """Surfaces were drawn by the third that each judge had not seen: a gain of 1.2 was noticed on 18 % of surfaces."""
     random = np.random.default_rng(1)
@@ -323,36 +292,6 @@ def test_bits_of_a_right_law_are_not_refused() -> None:
             outcomes(samples.with_columns(value=1.0 * bits), nothing)["law of still places"] == "refused"
         )
     assert refused == 0
-
-
-@pytest.mark.parametrize("bits", [1, 2])
-def test_damage_by_measured_readings_has_one_contrast(bits: int) -> None:
-    """Half-way between 0 and 1 are values that nothing measures: damage of half the rate was cleared, as if sought."""
-    rates = np.array([[0.7], [0.3]])
-    readings = np.random.default_rng(1).binomial(bits, rates, (2, 100))
-    samples = replace(
-        drawn_samples(1, count=400, spread_m=0.0), law=law_of_measured(*readings.astype(float), "0 and 1")
-    )
-    with pytest.raises(InputError, match="one contrast; give 1"):
-        inspect(samples, question=Question())
-
-
-@pytest.mark.parametrize(
-    ("values", "spread", "words"),
-    [(4, 0.1, "fewer than 20"), (400, 0.1, "cannot be told apart"), (100, 0.0, "cannot be told apart")],
-)
-def test_a_reference_that_tells_nothing_is_refused(
-    values: int, spread: float, words: str, tmp_path: Path
-) -> None:
-    random = np.random.default_rng(1)
-    lines = [
-        f"{kind},{value:.4f}"
-        for kind in ("still", "vibrating")
-        for value in random.normal(1.0, spread, values)
-    ]
-    (tmp_path / "reference.csv").write_text("\n".join(["kind,energy", *lines]))
-    with pytest.raises(InputError, match=words):
-        inspect(EXAMPLE / "plate.csv", laws=str(tmp_path / "reference.csv"), size_m=(1.0, 1.0))
 
 
 def test_readings_are_compared_with_the_rates_of_the_floors_own_grid() -> None:

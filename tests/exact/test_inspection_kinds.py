@@ -10,7 +10,6 @@ import pytest
 
 import vibroswarm as v
 from vibroswarm.documents.inspection import inspection_document
-from vibroswarm.errors import InputError
 from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.stopping import Question
 from vibroswarm.inspection.tile_map import any_but_still, kind_map, tile_map
@@ -101,14 +100,6 @@ def test_damage_is_any_kind_but_0() -> None:
     unequal = {"sensor.confusion.rates": [[0.8, 0.1, 0.1], [0.3, 0.6, 0.1], [0.1, 0.1, 0.8]]}
     samples = v.inspect(v.simulate(Scenario().with_values(CONFUSION | unequal), 1, 1)).samples
     assert rates(any_but_still(samples).law.sensor) == pytest.approx(np.array([[0.8, 0.2], [0.2, 0.8]]))
-
-
-def test_what_means_nothing_for_many_kinds_is_refused() -> None:
-    result = v.simulate(Scenario().with_values(CONFUSION), 1, 1)
-    with pytest.raises(InputError, match="few different readings, such as 0 and 1, has one contrast"):
-        v.inspect(result, question=Question())
-    with pytest.raises(InputError, match="3 kinds of tile, and the law 2"):
-        v.inspect(result, laws="paper")
 
 
 def test_robots_with_one_sample_each_have_no_correlation_of_places() -> None:

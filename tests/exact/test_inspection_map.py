@@ -19,7 +19,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.patches import declared, shares_of
-from vibroswarm.inspection.samples import Law, Samples, check_law, ratios_of_values
+from vibroswarm.inspection.samples import Law, Samples, ratios_of_values
 from vibroswarm.inspection.sources import grid_of, samples_of_csv
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.scenario.scenario import preset
@@ -216,18 +216,6 @@ def test_calibration_counts_tiles_by_bin() -> None:
     assert table["vibrating"].to_list() == [0.0, 0.5, 1.0]
 
 
-@pytest.mark.parametrize("count", [5, 19])
-def test_few_samples_say_nothing(count: int) -> None:
-    with pytest.raises(InputError, match="nothing can be said"):
-        drawn_samples(1, count=count, spread_m=0.0)
-
-
-def test_places_outside_are_refused() -> None:
-    samples = drawn_samples(1, count=60, spread_m=0.0)
-    with pytest.raises(InputError, match="outside the surface"):
-        samples.with_columns(x_m=samples.column("x_m") * 1000.0)
-
-
 def test_places_on_the_border_count_as_those_inside_it(tmp_path: Path) -> None:
     """The lower and the right edge of a raster were on no tile, and its border lay half outside of damage."""
     at_m = np.linspace(0.0, 0.9, 6)
@@ -242,18 +230,6 @@ def test_places_on_the_border_count_as_those_inside_it(tmp_path: Path) -> None:
     )  # two along each side of a tile
     whole = shares_of(found.samples, declared((0.9, 0.9), [0.9]))
     assert whole.share.tolist() == [1.0] * 36
-
-
-def test_laws_that_overlap_wholly_are_refused() -> None:
-    alike = preset("paper").with_values(
-        {
-            f"sensor.vibrating_{name}": getattr(preset("paper").sensor, f"still_{name}")
-            for name in ("shape", "scale", "location")
-        }
-    )
-    with pytest.raises(InputError, match="overlap wholly"):
-        inspect(preset("paper"), laws=alike)
-    check_law(inspect(preset("paper")).samples.law)
 
 
 def test_a_map_needs_a_grid() -> None:

@@ -7,15 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 from scipy import optimize
 from scipy.special import expit, logit
 
 from helpers.inspections import drawn_samples
 from vibroswarm import preset
-from vibroswarm.documents.damage import plan_document
-from vibroswarm.errors import InputError
 from vibroswarm.inspection import missed
 from vibroswarm.inspection.damage import patch_of, random_places
 from vibroswarm.inspection.missed import Trials, false_calls, own_trials, plan, pooled_trials, weakest_found
@@ -265,13 +262,6 @@ def test_looking_more_often_finds_more_and_calls_more_falsely() -> None:
     assert once[2] > often[2]
 
 
-def test_too_few_inspections_are_refused() -> None:
-    with pytest.raises(InputError, match="at least 20"):
-        fit_pod(np.repeat(SIDES_M[:2], 20), np.zeros(40), 0, 2000)
-    with pytest.raises(InputError, match="intact"):
-        fit_pod(np.repeat(SIDES_M, 20), np.zeros(200), 0, 0)
-
-
 def test_places_that_are_not_visited_are_an_asymptote_below_one() -> None:
     random = np.random.default_rng(9)
     size_m = np.repeat(SIDES_M, 100)
@@ -343,15 +333,3 @@ def test_no_contrast_is_found_in_90_percent_where_even_the_strongest_is_not(
     found = [weakest_found(samples, patches, shares, critical, (10, 200), seed=seed) for seed in range(3, 8)]
     assert [one["c90_95"].to_list() for one in found] == [[None]] * 5
     assert found[0]["area_m2"].to_list() == pytest.approx([0.0256])
-
-
-def test_of_plans_that_find_the_same_size_that_with_the_fewest_robot_minutes_is_named() -> None:
-    """Several good plans find the least size that is tried."""
-    table = pl.DataFrame(
-        {"robots": [8, 3, 5], "until_s": [1200.0, 600.0, 600.0], "samples": [900.0, 200.0, 300.0]}
-        | {name: [0.02, 0.02, 0.03] for name in ("a50_m", "a90_m", "a90_95_m", "sweep_a90_m")}
-        | {"false_calls": [0.05, 0.05, 0.05]}
-    )
-    for want_m in (None, 0.02):
-        (answer,) = plan_document(table, want_m, 40, 100, {}, "exact").answer
-        assert answer.startswith("3 robots in 10.0 min")

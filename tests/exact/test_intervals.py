@@ -34,7 +34,6 @@ from vibroswarm.analysis.intervals import (
     wilson_limits,
 )
 from vibroswarm.analysis.paired import difference
-from vibroswarm.errors import InputError
 
 numbers = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40)
 
@@ -153,12 +152,6 @@ def test_quantiles_by_hand() -> None:
     assert quantile_interval(values, level=0.999)[:3] == (5.5, -math.inf, math.inf)
     assert quantile_interval([1.0, math.inf, math.inf]).estimate == math.inf
     assert quantile_interval([1.0, math.inf, math.inf]).as_dict()["estimate"] is None
-
-
-def test_a_level_is_a_share() -> None:
-    for call in (wilson, cluster_share):
-        with pytest.raises(InputError, match="level"):
-            call(1, 2, level=95)
 
 
 @settings(deadline=None)

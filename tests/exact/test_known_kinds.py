@@ -17,7 +17,6 @@ from scipy import stats
 from vibroswarm import Result, Study, preset, simulate
 from vibroswarm.analysis.oracle_posterior import could_be_known, on_both_sides
 from vibroswarm.analysis.tile_posterior import log_prior, most_common_of, permuted, posterior_of_counts
-from vibroswarm.errors import InputError
 from vibroswarm.study.baselines import references_of
 
 THREE = preset("paper").with_values(
@@ -112,16 +111,6 @@ def test_it_is_known_at_once_if_the_sensor_never_errs_and_never_if_it_guesses() 
         found = could_be_known(on_both_sides(result), "mirror")
         assert found.known.estimate == known
         assert found.wrong.estimate == 0.0 or found.wrong.n == 0
-
-
-def test_another_question_and_too_many_numbers_are_refused_in_words(three: Result) -> None:
-    shares = simulate(THREE.with_values({"task.name": "share", "run.t_end_s": 20.0}), 1, 1)
-    with pytest.raises(InputError, match="choose the task majority"):
-        could_be_known(shares)
-    with pytest.raises(InputError, match="too many numbers"):
-        log_prior("tiles", 100, 5)
-    with pytest.raises(InputError, match="26 along an axis for each kind"):
-        could_be_known(three, prior=[1.0, 2.0])
 
 
 def test_studies_have_it_beside_their_strategies() -> None:

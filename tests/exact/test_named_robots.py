@@ -8,7 +8,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.errors import InputError
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.scenario.scenario import Scenario
@@ -67,12 +66,3 @@ def test_after_a_turn_no_ray_is_heeded_for_so_long() -> None:
     assert min(blind_spans(310.0)) == pytest.approx(math.ceil(310 / 20) * 0.02)
     # Negative control: without it turns follow each other sooner.
     assert min(blind_spans(None)) < 0.2
-
-
-def test_what_cannot_be_is_told() -> None:
-    with pytest.raises(InputError, match="speed_redraw"):
-        Scenario().with_values({"robot.speed_factors": [1.0]})
-    with pytest.raises(InputError, match=r"outside of robot.speed_factor_min"):
-        Scenario().with_values({"robot.speed_redraw": "robot", "robot.speed_factors": [1.0, 1.6]})
-    with pytest.raises(InputError, match=r"robot.misalignments"):
-        Scenario().with_values({"robot.misalignments": [1.0]})

@@ -13,8 +13,7 @@ import pytest
 from scipy.stats import norm
 
 from vibroswarm import Result, Scenario, preset, simulate, strategies
-from vibroswarm.errors import CodeError, InputError
-from vibroswarm.observation.energy_model import log_ratios_of_energies
+from vibroswarm.errors import InputError
 from vibroswarm.sensors import SensorModel, forget, register
 from vibroswarm.strategies import Strategy
 from vibroswarm.testing.runs import equals_plain, in_pieces
@@ -143,20 +142,3 @@ def test_all_ways_of_running_agree(tmp_path: Path) -> None:
 
 def test_it_passes_its_checks() -> None:
     assert [finding for finding in check_sensor("two") if not finding.holds] == []
-
-
-def test_samples_of_which_only_the_first_number_is_known_are_refused() -> None:
-    with pytest.raises(InputError, match="needs noise, signal, and only the first is known"):
-        log_ratios_of_energies(scenario().sensor, np.zeros(3, dtype=np.float32))
-
-
-@pytest.mark.parametrize("names", [("a", "tile"), ("a", "a"), (), ["a"], ("a", 3), "ab"])
-def test_wrong_names_of_numbers_are_refused_in_words(names: Any) -> None:
-    forget("two")
-    register(
-        SensorModel(
-            name="two", sense=sense, numbers=lambda p: names, reading=lambda value, p: value[:, 0] > 0
-        )
-    )
-    with pytest.raises(CodeError, match="'two', numbers: returned"):
-        simulate(scenario(), 1, 1)

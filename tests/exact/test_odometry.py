@@ -8,8 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.errors import InputError
-from vibroswarm.localisation.locate import estimate, program_of
+from vibroswarm.localisation.locate import program_of
 from vibroswarm.localisation.odometry import ODOMETER, measure_moves
 from vibroswarm.motion.source import ENDS, MOVES
 from vibroswarm.scenario.scenario import Scenario
@@ -155,11 +154,6 @@ def test_noise_is_addressed() -> None:
     assert both.filter(pl.col("run") == 1).equals(alone)
     other = measure_moves(scenario, 4, second, ends_of(2, 2).filter(pl.col("run") == 1))
     assert not other["gyro_rad"].equals(alone["gyro_rad"])
-
-
-def test_without_moves_it_is_refused() -> None:
-    with pytest.raises(InputError, match=r"localisation\.method.*simulate with moves"):
-        estimate(Scenario(), 1, pl.DataFrame(), np.empty(0), np.empty(0), None, pl.DataFrame(schema=ENDS))
 
 
 def test_a_bias_measured_at_stops_is_subtracted_as_its_mean() -> None:

@@ -217,11 +217,3 @@ def test_not_told_apart_is_not_equal() -> None:
     assert not equivalent(Interval(0.0, 0.0, 0.0, 0.95, 6, "sign flip"), 1.0)
     with pytest.raises(InputError, match="margin"):
         equivalent(wide, 0.0)
-
-
-def test_wrong_wishes() -> None:
-    one = figures([1.0], [1.0])
-    with pytest.raises(InputError, match="did you mean 'decision_time_s'"):
-        compare(one, one, ["decision_time"])
-    with pytest.raises(InputError, match="no run in common"):
-        compare(one, figures([1.0], [1.0], first_run=5))

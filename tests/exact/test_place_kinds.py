@@ -12,11 +12,9 @@ import polars as pl
 import pytest
 from scipy.stats import norm
 
-from helpers.commands import refusal_of
 from vibroswarm import InputError, Scenario, preset, simulate
 from vibroswarm.analysis.map_figures import floor_maps
 from vibroswarm.cli import main
-from vibroswarm.sensors.base import forget as forget_sensor
 from vibroswarm.strategies import place_kinds, place_map, place_trust, places
 from vibroswarm.strategies.base import arrays_of
 from vibroswarm.strategies.place_kinds import add_sample, as_common, doubt_in, leader, on_sample, write_map
@@ -216,34 +214,3 @@ def test_a_run_with_page_and_pictures_has_no_map_of_two_kinds(tmp_path: Path, ca
     assert "Traceback" not in capsys.readouterr().err
     with pytest.raises(InputError, match="two kinds"):
         floor_maps(simulate(scenario(**{"run.t_end_s": 20.0}), 1, 1))
-
-
-COLOUR = """
-import numpy as np
-from vibroswarm.sensors import SensorModel
-
-def four(p): return 4
-def measure(kind, u, p):
-    shares = np.where(np.arange(4) == kind, 0.7, 0.1)
-    return np.searchsorted(np.cumsum(shares)[:-1], u).astype(float)
-def reading(value, p): return value.astype(int)
-
-colour = SensorModel(name="colour", kinds=four, readings=four, measure=measure, reading=reading)
-"""
-
-
-@pytest.mark.parametrize("name", ["places", "dirichlet"])
-def test_a_result_with_a_sensor_whose_file_is_not_loaded_is_refused_in_one_sentence(
-    name: str, tmp_path: Path, capsys: Any
-) -> None:
-    file, out = tmp_path / "colour.py", str(tmp_path / "out")
-    file.write_text(COLOUR, encoding="utf-8")
-    floor = ["--floor", "random:0.4,0.2,0.2,0.2", "--task", "majority", "--set", "run.t_end_s=60"]
-    try:
-        assert (
-            main(["run", "--set", f"sensor.model={file}:colour", *floor, "--strategy", name, "--out", out])
-            == 0
-        )
-    finally:
-        forget_sensor("colour")
-    assert "add --trust to run the file" in refusal_of(capsys, "show", out)

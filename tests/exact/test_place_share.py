@@ -15,8 +15,6 @@ from hypothesis import strategies as st
 from scipy.special import expit
 from scipy.stats import betabinom, norm
 
-from vibroswarm import preset
-from vibroswarm.errors import InputError
 from vibroswarm.strategies.place_share import (
     count_posterior,
     learn_share,
@@ -165,25 +163,3 @@ def test_at_one_half_tiles_stay_independent() -> None:
     p = expit(a.odds[9:] * 0.5 + a.odds[:9])
     z = (4.5 - p.sum()) / math.sqrt((p * (1.0 - p)).sum())
     assert score_asked(a, params(), world(3, 0.5)) == pytest.approx(z)
-
-
-@pytest.mark.parametrize("strategy", ["places", "explore"])
-@pytest.mark.parametrize("asked", [{"decision.decision_boundary": 0.03}, {"prior_median": 0.1}])
-def test_options_that_presume_coins_are_refused(strategy: str, asked: dict[str, float]) -> None:
-    asked = {name if "." in name else f"strategy.{strategy}.{name}": value for name, value in asked.items()}
-    scenario = preset("paper").with_values({"strategy.name": strategy, **asked})
-    options: dict[str, Any] = {"rate_pairs": True}
-    if strategy == "places":
-        options |= {"energies": True, "draws": 3, "share_map": True}
-    for option, value in options.items():
-        with pytest.raises(
-            InputError, match=f"strategy.{strategy}.{option}: goes with a boundary .* of 1/2 only"
-        ):
-            scenario.with_values({f"strategy.{strategy}.{option}": value})
-
-
-def test_field_is_asked_about_half_only() -> None:
-    """Its estimate is normal: false alarms of 12 and 30 % of swarms at 3 %, on floors of 0 and 2 %."""
-    scenario = preset("paper").with_values({"strategy.name": "field"})
-    with pytest.raises(InputError, match=r"strategy\.name: field answers 'more than half\?' only"):
-        scenario.with_values({"decision.decision_boundary": 0.03})

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from helpers import search_functions as functions
-from vibroswarm.errors import InputError
 from vibroswarm.optimize.methods import chance
 from vibroswarm.optimize.pso import Pso, PsoSettings
 from vibroswarm.optimize.race import Race, allocate
@@ -140,23 +139,6 @@ def test_a_candidate_with_a_failed_run_cannot_win() -> None:
     found.archive[asks[0].key].failed = 1
     found.tell()
     assert found.best() == asks[1].key
-
-
-@pytest.mark.parametrize(
-    ("settings", "told"),
-    [
-        ({"particles": 0}, "pso.particles: 0 is wrong"),
-        ({"particles": 2.5}, "whole number"),
-        ({"iterations": -1}, "pso.iterations"),
-        ({"evaluations": 0}, "pso.evaluations"),
-        ({"extra_share": 1.5}, "share"),
-        ({"inertia_first": math.nan}, "pso.inertia_first"),
-        ({"noise": "none"}, "rescore, ocba, fixed"),
-    ],
-)
-def test_settings_that_are_wrong(settings: dict[str, Any], told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        PsoSettings(**settings)
 
 
 def test_it_does_not_lose_to_pymoos_swarm_where_there_is_noise() -> None:

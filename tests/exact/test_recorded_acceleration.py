@@ -18,12 +18,9 @@ from helpers.commands import output_of, refusal_of
 from helpers.exported_robots import ACCELERATE, OBSERVED, START, STEP, built, plain_program, run_program
 from vibroswarm import preset
 from vibroswarm.cli import main
-from vibroswarm.errors import InputError
 from vibroswarm.export.assembly import parts_of
-from vibroswarm.recordings.acceleration import read_acceleration, samples_found, stops_of
-from vibroswarm.recordings.column_map import LARGEST_BYTES
+from vibroswarm.recordings.acceleration import samples_found, stops_of
 from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
-from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.robot.sensing import SenseProgram
 from vibroswarm.robot.walk import DRIVE, STOP
@@ -132,68 +129,6 @@ def test_a_robot_that_faces_west_stands(tmp_path: Path) -> None:
     log = Log("places", "camera", log_frame({}, SAMPLES).clear(), log_frame(tracks.to_dict(), TRACKS))
     found = samples_found(log, tmp_path / "a.csv", SenseProgram()).log.samples
     assert found["time_s"].to_list() == pytest.approx([time_s[-1]])
-
-
-@pytest.mark.parametrize("step", [-1, 0])
-def test_numbered_readings_whose_times_do_not_rise_are_refused(step: int, tmp_path: Path) -> None:
-    time_s = 5.0 + step * np.arange(COUNT) / RATE_HZ
-    pl.DataFrame({"robot": 0, "sample": 1, "time_s": time_s, "ax": 0.0, "ay": 0.0, "az": 9.81}).write_csv(
-        tmp_path / "a.csv"
-    )
-    seen_s = np.arange(101) / 10.0
-    tracks = pl.DataFrame({"robot": 0, "time_s": seen_s, "x_m": 0.5, "y_m": 0.5, "heading_rad": 0.0})
-    log = Log("places", "camera", log_frame({}, SAMPLES).clear(), log_frame(tracks.to_dict(), TRACKS))
-    with pytest.raises(InputError, match="the times of its readings do not rise"):
-        samples_found(log, tmp_path / "a.csv", SenseProgram())
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "leave_out", "said"),
-    [
-        (200.0, (), "readings at 200 Hz"),
-        (366.0, (), "readings at 36"),
-        (RATE_HZ, (60,), "lacks readings"),
-        (RATE_HZ, range(STOP_COUNT), "lacks readings"),  # those of the stop before are no substitute
-    ],
-)
-def test_another_rate_and_missing_readings_are_refused(
-    rate_hz: float, leave_out: Collection[int], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recorded(SHIPPED / "camera.csv", tmp_path / "a.csv", rate_hz, leave_out)
-    assert said in refusal_of(capsys, *arguments(tmp_path / "a.csv", tmp_path / "lab"))
-    assert not (tmp_path / "lab").exists()
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("robot,time_s,ax,ay\n", "has no column 'az'"),
-        ("robot,time_s,ax,ay,az\n0,1.0,x,0,0\n", "row 2: 'x' in column 'ax' is not a number"),
-        ("robot,time_s,ax,ay,az\n0,1.0,0,0,0\n0,1.0,0,0,0\n", "row 3: robot 0: its time, 1 s"),
-        ("robot,time_s,ax,ay,az\n0,1.0,0,0,0\n", "lacks readings"),
-        (
-            "robot,time_s,ax,ay,az\n1,1.0,0,0,0\n1.5,1.0,0,0,0\n",
-            "row 3: 1.5 in column 'robot' is not a whole",
-        ),
-    ],
-)
-def test_wrong_files_are_refused(
-    text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "a.csv").write_text(text)
-    assert said in refusal_of(capsys, *arguments(tmp_path / "a.csv", tmp_path / "lab"))
-
-
-def test_too_large_files_are_called_what_they_should_be(tmp_path: Path) -> None:
-    large = tmp_path / "large"
-    with large.open("wb") as stream:
-        stream.truncate(LARGEST_BYTES + 1)
-    with pytest.raises(InputError, match="larger than 64 MiB; that is not the acceleration of one session"):
-        read_acceleration(large)
-    with pytest.raises(InputError, match="larger than 64 MiB; that is not a column map"):
-        read_log(SHIPPED / "camera.csv", columns=large)
-    with pytest.raises(InputError, match="larger than 64 MiB; that is not a log of one session"):
-        read_log(large)
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")

@@ -9,7 +9,6 @@ import pytest
 from scipy import optimize, stats
 
 from vibroswarm.analysis.intervals import wilson_limits
-from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.log_readers import read_log
@@ -24,7 +23,6 @@ from vibroswarm.recordings.threshold import (
     find_thresholds,
     labelled,
     least_cost,
-    recommend,
     robot_and_tile_weights,
     unseen_errors,
 )
@@ -175,14 +173,3 @@ def test_the_share_of_ones_holds_for_other_robots(recording: Recording) -> None:
         alone.append(low <= q <= high)
     assert np.mean(found) > 0.91
     assert np.mean(alone) < 0.75
-
-
-def test_wrong_costs(recording: Recording) -> None:
-    with pytest.raises(InputError, match="is not a cost"):
-        find_thresholds(recording, 0.0, 1.0)
-    with pytest.raises(InputError, match=r"^cost: -1\.0 is wrong"):
-        unseen_errors(recording, -1.0)
-    with pytest.raises(InputError, match=r"^at: nan is wrong"):
-        recommend(recording, at=float("nan"))
-    with pytest.raises(InputError, match=r"^margin_m: -1 is wrong"):
-        find_thresholds(recording, margin_m=-1)

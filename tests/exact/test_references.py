@@ -126,21 +126,6 @@ def test_pooled_counting_judges_nothing_that_it_was_tuned_on(paper: Result) -> N
     assert found.undecided.estimate == (passages.decision == -1).mean() > as_it_was.undecided.estimate
 
 
-def test_pooled_counting_refuses(paper: Result) -> None:
-    with pytest.raises(InputError, match="rule"):
-        pooled_counting(paper, "vote")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="undecided_counts"):
-        pooled_counting(paper, undecided_counts=2.0)
-    with pytest.raises(InputError, match="at least 4 runs"):
-        pooled_counting(
-            simulate(preset("paper").with_values({"floor.source": "stripe:0.48", "run.t_end_s": 60.0}), 1, 3)
-        )
-    early = paper.runs.with_columns(stopped_early=pl.lit(True))
-    for reference in (pooled_counting, could_be_known):
-        with pytest.raises(InputError, match="stopped early"):
-            reference(replace(paper, runs=early))
-
-
 def by_enumeration(ratios: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """P(k) by going through all 2^N floors."""
     tiles = ratios.size
@@ -180,16 +165,6 @@ def test_without_samples_the_posterior_is_the_prior() -> None:
         np.testing.assert_allclose(flat, np.exp(log_prior(prior, 9)))
     above, under = sides_of(np.zeros((1, 4)), log_prior("counts", 4), 0.5)
     assert (above[0], under[0]) == pytest.approx((0.4, 0.4))  # 2 of 4 lie on neither side
-
-
-def test_priors_that_are_none() -> None:
-    for prior, says in (
-        ("flat", "tiles, counts, mirror"),
-        ([1.0, 2.0], "from 0 to 4"),
-        ([0.0] * 5, "from 0 to 4"),
-    ):
-        with pytest.raises(InputError, match=says):
-            log_prior(prior, 4)
 
 
 @given(st.integers(1, 60), st.floats(0.001, 0.999), st.data())

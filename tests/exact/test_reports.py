@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,12 @@ import polars as pl
 import pytest
 from scipy.stats import t as t_law
 
-from helpers.commands import output_of
 from vibroswarm import Result, Scenario, Study, preset, simulate, tasks
 from vibroswarm.analysis.figures import BY_NAME, Swarms
 from vibroswarm.analysis.reports_over_time import reports_over_time
-from vibroswarm.errors import CodeError, InputError
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.plots.reports import draw_run_reports
-from vibroswarm.strategies import Report, Strategy, array, register, strategy
+from vibroswarm.strategies import Report, Strategy, array, register
 from vibroswarm.strategies.base import forget
 from vibroswarm.study.summary import outcome_of, write_outcome
 
@@ -113,18 +110,6 @@ def test_arrays_are_reported_at_the_end_and_results_keep_reports(tmp_path: Path)
     assert simulate(PAPER, seed=1, runs=1).reports is None
 
 
-def test_a_report_that_is_nowhere_declared_is_refused() -> None:
-    given = strategy("mcp")
-    parts = {
-        name: getattr(given, name)
-        for name in ("state", "begin", "on_sample", "decision", "arrays", "message")
-    }
-    with pytest.raises(
-        InputError, match="'estimat' is neither a field of State nor an array, did you mean 'estimate'"
-    ):
-        Strategy(name="other", on_message=given.on_message, reports=("estimat",), **parts).check_hooks()
-
-
 class Counted:
     """Own readings, their share of ones, messages, and how often each other robot agreed with the last reading."""
 
@@ -190,13 +175,6 @@ def test_an_array_of_the_state_is_reported_after_each_sample(counted: Scenario) 
     picture = draw_run_reports(result)
     assert [axes.get_title() for axes in picture.figure.axes if axes.get_title()][-1] == "share (of tiles)"
     assert "dashed: the true number, 0.48" in picture.caption
-
-
-def test_a_unit_at_the_end_of_a_name_is_shown_once(capsys: pytest.CaptureFixture[str]) -> None:
-    tells = ("--strategy", "reset", "--task", "changed", "--set", "strategy.reset.tells_change=true")
-    inverted = ("--floor", "random:0.12", "--set", "change.at_s=300", "--set", "change.to=invert")
-    text = output_of(capsys, "run", *tells, *inverted, "--set", "run.t_end_s=600")
-    assert re.search(r"^robot +changes +changed \(s\)$", text, re.MULTILINE)
 
 
 @pytest.mark.parametrize("stop", ["t_end", "all_decided"])
@@ -295,26 +273,6 @@ def claiming() -> Iterator[Scenario]:
     )  # fmt: skip
     yield PAPER.with_values({"strategy.name": "claims", "run.t_end_s": 40.0, "swarm.robots": 2})
     forget("claims")
-
-
-@pytest.mark.parametrize(
-    ("value", "words"),
-    [
-        ({"belief": 1.5}, "belief_below is 1.5; it has to be from 0 to 1"),
-        ({"belief": 1.0 + 2.0**-52}, "belief_below is 1.0000000000000002; it has to be from 0 to 1"),
-        ({"belief": -0.5}, "belief_below is -0.5"),
-        ({"estimate": 1e301}, r"estimate is 1e\+301"),
-        ({"spread": -0.1}, "estimate_spread is -0.1"),
-        ({"counts": -3}, "alpha is -3; it has to be from 0 to 4294967295"),
-        ({"bit": 300}, "the bit of a message is neither 0 nor 1"),
-    ],
-)
-def test_values_that_no_table_holds_are_refused(
-    claiming: Scenario, value: dict[str, Any], words: str
-) -> None:
-    claims = claiming.with_values({f"strategy.claims.{name}": number for name, number in value.items()})
-    with pytest.raises(CodeError, match=f"strategy 'claims': {words}"):
-        simulate(claims, seed=1)
 
 
 def test_what_robots_may_claim_is_read_back(claiming: Scenario, tmp_path: Path) -> None:

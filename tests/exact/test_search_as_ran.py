@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from helpers import search_functions as functions
-from vibroswarm.errors import InputError
 from vibroswarm.optimize import evaluate
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.evaluate import AS_RAN, Evaluator
@@ -176,15 +174,3 @@ def test_it_is_written_and_read_and_other_searches_keep_their_hash() -> None:
     assert (again.pso, again.hash) == (search.pso, search.hash)
     assert "crash_share" not in Search().to_toml()
     assert not Search().is_as_ran
-
-
-def test_what_does_not_go_with_it_is_refused() -> None:
-    search = small()
-    with pytest.raises(InputError, match="numbers its runs itself"):
-        search.with_settings(numbers="common")
-    with pytest.raises(InputError, match="has no race"):
-        search.with_settings(final=5)
-    with pytest.raises(InputError, match="as-ran"):
-        PsoSettings(crash_share=0.1)
-    with pytest.raises(InputError, match=r"pso.crash_share"):
-        replace(search.pso, crash_share=2.0)

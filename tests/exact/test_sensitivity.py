@@ -9,10 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from vibroswarm.documents.search import sensitivity_document
-from vibroswarm.errors import InputError
 from vibroswarm.optimize import sensitivity
-from vibroswarm.optimize.sensitivity import indices, saltelli, sobol_indices
-from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.sensitivity import indices, saltelli
 from vibroswarm.show.data import document_data
 
 pytest.importorskip("SALib")
@@ -87,17 +85,6 @@ def noisy_costs(seed: int) -> NDArray[np.float64]:
     u = saltelli(3, 5 * 1024, seed)
     random = np.random.default_rng(1000 + seed)
     return np.asarray(linear(u)[:, None] + 3.0 * random.normal(size=(u.shape[0], 10)))
-
-
-def test_too_few_points_are_refused() -> None:
-    with pytest.raises(InputError, match="at least 40"):
-        saltelli(3, 30, 1)
-
-
-@pytest.mark.parametrize("replicates", [0, -1, 2.5])
-def test_a_point_needs_a_run(replicates: float) -> None:
-    with pytest.raises(InputError, match=f"replicates: {replicates} is wrong; give a whole number from 1"):
-        sobol_indices(Search(), replicates=replicates)  # type: ignore[arg-type]
 
 
 def test_indices_of_a_constant_cost_are_null_in_json() -> None:

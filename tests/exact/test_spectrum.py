@@ -7,14 +7,11 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from numpy.typing import NDArray
 
-from helpers.commands import json_of, output_of, refusal_of
 from vibroswarm.errors import InputError
-from vibroswarm.recordings.spectrum import _left_out, acceleration_frame, periodograms, spectra_of
+from vibroswarm.recordings.spectrum import acceleration_frame, periodograms, spectra_of
 
 RATE_HZ = 350.0
-Floats = NDArray[np.float64]
 
 
 def recorded(
@@ -62,16 +59,6 @@ def test_lines_are_where_the_sines_are(tmp_path: Path) -> None:
         ("tile", "tile 1, 5", 20),
     ]  # fmt: skip
     assert sum(one.samples for one in found.spectra if one.group == "time") == 40
-
-
-def test_groups_with_too_few_samples_are_named(tmp_path: Path) -> None:
-    few = spectra_of(file_of(recorded([(61.3, 1.0)], [], count=9), tmp_path), axis="z")  # 5 and 4
-    assert [one.name for one in few.spectra] == ["", "robot 0"]
-    assert few.warnings == ("no spectrum of groups with fewer than 5 samples (by robot): robot 1",)
-    enough = spectra_of(file_of(recorded([(61.3, 1.0)], [], count=10), tmp_path), axis="z")
-    assert enough.warnings == ()
-    named = [("tile", name, np.arange(1)) for name in ("tile 1, 4", "tile 2, 5")]
-    assert next(_left_out(named)).endswith("(by tile): tile 1, 4; tile 2, 5")
 
 
 def test_noise_has_no_lines(tmp_path: Path) -> None:
@@ -148,44 +135,3 @@ def test_stops_of_a_recording_without_pauses_are_where_the_robot_stands(tmp_path
     turning = frame.with_columns(heading_rad=2.0 * pl.col("time_s"))
     with pytest.raises(InputError, match="no two readings of a robot that stands"):
         spectra_of(file_of(turning, tmp_path), axis="z")
-
-
-@pytest.mark.parametrize(
-    ("change", "options", "words"),
-    [
-        (lambda frame: frame.drop("az"), {}, "has no column 'az'"),
-        (lambda frame: frame.drop("x_m"), {"by": ("tile",)}, "no columns x_m and y_m"),
-        (lambda frame: frame, {"unit": "ft/s2"}, "not a unit of acceleration"),
-        (lambda frame: frame, {"rate_hz": 500.0}, "readings come at 350 Hz, and 500 Hz is stated"),
-        (lambda frame: frame, {"motors_hz": (90.0, -3.0)}, "-3 is not a frequency above 0"),
-        (lambda frame: frame.with_columns(time_s=pl.col("time_s") / 1000), {}, "is time_s in seconds"),
-        (lambda frame: frame.with_columns(time_s=pl.col("time_s") * 1000), {}, "is time_s in seconds"),
-        (lambda frame: frame, {"signal_ms": 20.0}, "a spectrum needs 16"),
-        (lambda frame: frame, {"signal_ms": 900.0}, "0 of 40 stops have the 315 readings"),
-        (lambda frame: frame.with_columns(time_s=-pl.col("time_s")), {}, "time does not rise"),
-        (
-            lambda frame: frame.head(5000).with_columns(time_s=pl.int_range(5000) / 350.0, robot=pl.lit(1)),
-            {"signal_ms": 500.0},
-            "without a pause",
-        ),
-    ],
-)
-def test_bad_files_are_refused_in_words(
-    change: object, options: dict[str, object], words: str, tmp_path: Path
-) -> None:
-    path = file_of(change(recorded([(61.3, 1.0)], [])), tmp_path)  # type: ignore[operator]
-    with pytest.raises(InputError, match=words):
-        spectra_of(path, **options)  # type: ignore[arg-type]
-
-
-def test_the_command_prints_saves_and_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = file_of(recorded([(61.3, 1.0)], []), tmp_path)
-    assert "The strongest line is at 61." in output_of(
-        capsys, "lab", "spectrum", str(path), "--axis", "z", "--out", str(tmp_path / "out")
-    )
-    assert (tmp_path / "out" / "spectra.csv").exists()
-    assert "<svg" in (tmp_path / "out" / "report.html").read_text()
-    assert json_of(capsys, "lab", "spectrum", str(path), "--axis", "z", "--json")
-    assert "there is no 'colour' (choices: robot, " in refusal_of(
-        capsys, "lab", "spectrum", str(path), "--by", "colour"
-    )

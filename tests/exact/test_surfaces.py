@@ -323,15 +323,6 @@ def test_files_of_values_become_floors(tmp_path: Any) -> None:
         values_in(f"values:{tmp_path / 'high.csv'}")
 
 
-@pytest.mark.parametrize("number", ["nan", "inf", "-inf"])
-def test_files_of_values_have_finite_numbers(number: str, tmp_path: Any) -> None:
-    from vibroswarm.floors.source import values_in
-
-    (tmp_path / "mine.csv").write_text(f"0.1,0.2\n{number},0.4\n", encoding="utf-8")
-    with pytest.raises(InputError, match=f"row 2, column 1 holds {number}"):
-        values_in(f"values:{tmp_path / 'mine.csv'}")
-
-
 def test_the_mean_is_asked_of_values_and_the_share_of_kinds() -> None:
     scenario = on("field:3", **{"task.name": "mean"})
     result = simulate(scenario, 1, 4)
@@ -346,16 +337,6 @@ def test_the_mean_is_asked_of_values_and_the_share_of_kinds() -> None:
     three = {"sensor.model": "confusion", "task.name": "mean", "strategy.name": "dirichlet"}
     with pytest.raises(InputError, match="3 kinds without values"):
         PAPER.with_values({**three, "floor.source": "random:0.4,0.36,0.24"})
-
-
-def test_floors_of_patches_and_values_do_not_change() -> None:
-    for values in (
-        {"floor.source": "field:2", "change.at_s": [100.0], "change.to": ["invert"]},
-        {"floor.source": "random:0.48", "change.at_s": [100.0], "change.to": ["field:2"]},
-        {"floor.source": "patch:0.1", "change.at_s": [100.0], "change.to": ["grow"]},
-    ):
-        with pytest.raises(InputError, match="defined for kinds of tile"):
-            PAPER.with_values(values)
 
 
 def test_the_document_of_a_run_says_what_the_floor_is() -> None:

@@ -15,10 +15,8 @@ from hypothesis import strategies as st
 
 from vibroswarm.analysis.answers_over_time import AGREEMENTS
 from vibroswarm.analysis.cell_summary import icc, icc_of_counts, summary
-from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.analysis.intervals import generator, mean_interval, wilson
-from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 
 T_END = 100.0
@@ -124,22 +122,6 @@ def test_the_design_effect_of_right_is_of_the_runs_with_a_truth() -> None:
     s = summary(robots, runs, T_END)
     assert s.design_effect_right == summary(*FOUR, T_END).design_effect_right
     assert s.design_effect_undecided == pytest.approx(1 + (11 / 5 - 1) * s.icc_undecided)
-
-
-def test_tables_of_other_runs_are_refused() -> None:
-    robots, runs = FOUR
-    for pair in (
-        (robots.filter(pl.col("run") > 0), runs),
-        (robots, runs.head(2)),
-        (robots, runs.vstack(runs)),
-        (robots.with_columns(run=pl.col("run") + 1), runs),
-        # Runs 0, 0, 2 and 3, of which three are robots' runs too, and four of each.
-        (robots, runs.with_columns(run=pl.col("run").replace({1: 0}))),
-    ):
-        with pytest.raises(InputError, match="same runs"):
-            run_figures(*pair, T_END)
-    with pytest.raises(InputError, match="t_end_s"):
-        run_figures(robots, runs, 0.0)
 
 
 def test_no_runs_at_all() -> None:

@@ -26,8 +26,7 @@ from vibroswarm.tracking.camera import (
 )
 from vibroswarm.tracking.marker_detection import _Detector, _Finder
 from vibroswarm.tracking.markers import corners_at, dictionary_of, read_markers, usual_markers
-from vibroswarm.tracking.pictures import draw_tracks
-from vibroswarm.tracking.stops import STOPS, clock_offset, stops_of
+from vibroswarm.tracking.stops import clock_offset, stops_of
 from vibroswarm.tracking.track import PLACES_M, too_fast
 
 cv2 = pytest.importorskip("cv2")
@@ -169,14 +168,6 @@ def test_a_measured_height_counts_beside_a_lens_too() -> None:
     assert off_m[0] < off_m[1] - 0.01 < off_m[2] - 0.02
 
 
-def test_a_start_without_a_pose_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From exactly above OpenCV's first pose may be nan."""
-    nan = np.full((3, 1), np.nan)
-    monkeypatch.setattr(cv2, "solvePnP", lambda *arguments, **named: (True, nan, nan))
-    with pytest.raises(InputError, match="do not fit the picture"):
-        fit_camera(SIZE, FLOOR_M, seen(FLOOR_M), seen(FLOOR_M).reshape(-1, 4, 2), 0.022, 0.0)
-
-
 def test_a_camera_exactly_above_is_found() -> None:
     """OpenCV's pose from points in a plane (IPPE) is wrong there: the markers' places were said not to fit."""
     lens = Lens(matrix_of(1100.0, (np.array(SIZE) - 1) / 2), np.zeros(5), 0.0)
@@ -185,12 +176,6 @@ def test_a_camera_exactly_above_is_found() -> None:
         above = Camera(lens, np.diag([-1.0, 1.0, -1.0]), at_m, 0.0, True)
         found = fit_camera(SIZE, FLOOR_M, above.project(FLOOR_M), np.empty((0, 4, 2)), 0.022, 0.03, lens)
         assert found.position_m == pytest.approx(at_m, abs=1e-6)
-
-
-def test_places_that_do_not_fit_are_refused() -> None:
-    mirrored = FLOOR_M * np.array([1.0, -1.0, 1.0])
-    with pytest.raises(InputError, match="do not fit the picture"):
-        fit_camera(SIZE, mirrored, seen(FLOOR_M), np.empty((0, 4, 2)), 0.022, 0.03, LENS)
 
 
 def path_with_stops() -> tuple[np.ndarray, ...]:
@@ -326,34 +311,6 @@ def test_a_file_of_markers_is_read_as_it_was_written(tmp_path: Path) -> None:
             read_markers(path)
 
 
-def test_numbers_of_markers_and_robots_are_whole(tmp_path: Path) -> None:
-    path = tmp_path / "markers.toml"
-    markers = usual_markers([7, 3], 1.0, 1.0)
-
-    def with_ids(ids: str) -> dict[int, int]:
-        text = markers.to_toml().replace("ids = { 7 = 0, 3 = 1 }", f"ids = {ids}")
-        path.write_text(text, encoding="utf-8")
-        return dict(read_markers(path).robots)
-
-    assert with_ids("[3, 7]") == {3: 0, 7: 1}
-    assert with_ids('{ 10 = 1, "11" = 2 }') == {10: 1, 11: 2}
-    for ids, words in (
-        ("[0.5, 1.9]", "0.5 is not a marker; give a whole number from 0 to 49"),
-        ("[true, 0]", "True is not a marker"),
-        ("{ 10 = 1.5, 11 = 2 }", "robots.ids: 1.5 is not the number of a robot; give a whole number"),
-    ):
-        with pytest.raises(InputError, match=words):
-            with_ids(ids)
-    path.write_text(markers.to_toml().replace("{ 46 =", "{ 7 = [0, 0], 46 ="), encoding="utf-8")
-    with pytest.raises(InputError, match=r"floor\.at_mm: marker 7 is on a robot too"):
-        read_markers(path)
-    with pytest.raises(InputError, match=r"none\.toml: cannot be read: there is no such file$"):
-        read_markers(tmp_path / "none.toml")
-    path.write_text(markers.to_toml().replace("{ 46 =", "{ 046 = [0, 0], 46 ="), encoding="utf-8")
-    with pytest.raises(InputError, match=r"floor\.at_mm: gives marker 46 twice"):
-        read_markers(path)
-
-
 @pytest.mark.parametrize(("to_x_m", "stops"), [(0.9, [(0.0, 5.0), (30.0, 35.0)]), (0.1, [(0.0, 35.0)])])
 def test_a_robot_that_was_hidden_while_it_drove_stopped_twice(
     to_x_m: float, stops: list[tuple[float, float]]
@@ -366,18 +323,3 @@ def test_a_robot_that_was_hidden_while_it_drove_stopped_twice(
     assert [(round(a, 3), round(b, 3)) for a, b in ends] == stops
     assert found["end_seen"].to_list() == [False] * len(stops)
     assert found["x_m"].to_list() == [0.1, to_x_m][-len(stops) :]
-
-
-def test_lines_of_tracks_break_where_a_robot_was_not_seen_and_not_where_it_stood() -> None:
-    """It drives, stands for 3 s, drives, and is hidden for 5 s."""
-    time_s = np.concatenate([np.arange(0.0, 10.0, 0.1), np.arange(15.0, 20.0, 0.1)])
-    x_m = np.interp(time_s, [0.0, 3.0, 6.0, 20.0], [0.1, 0.2, 0.2, 0.8])
-    positions = pl.DataFrame({"robot": 0, "time_s": time_s, "x_m": x_m, "y_m": 0.5})
-    picture = draw_tracks(positions, pl.DataFrame(schema=STOPS), {})
-    (axes,) = picture.figure.axes
-    line = max(axes.lines, key=lambda one: len(one.get_xdata()))
-    assert np.isnan(line.get_xdata()).sum() == 1
-    assert picture.caption.startswith("Where 1 robot was seen;")
-    assert [text.get_text() for text in picture.figure.legends[0].get_texts()] == [
-        "robot 0"
-    ]  # no stop, no marker

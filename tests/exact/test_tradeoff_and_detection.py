@@ -15,13 +15,12 @@ from vibroswarm.analysis.detection import detection_curve, needed, pairs
 from vibroswarm.analysis.intervals import generator, wilson
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.documents.detection import detection_document, hardest
-from vibroswarm.documents.tradeoff import tradeoff_document
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.study.detection import Detection, detect, fills_around
-from vibroswarm.study.tradeoff import Tradeoff, time_error_curve
+from vibroswarm.study.tradeoff import time_error_curve
 from vibroswarm.study.words import detection_scenario
 
 SHORT = preset("paper").with_values({"run.t_end_s": 300.0, "floor.source": "random:0.40"})
@@ -85,15 +84,6 @@ def test_settings_that_look_alike_are_two_and_the_same_setting_is_one() -> None:
     """Both ended in an error of zip."""
     curve = time_error_curve(SHORT, 5, 2, [0.9999991, 0.9999992, 0.9999992], [20])
     assert curve["credible_threshold"].to_list() == [0.9999991, 0.9999992]
-
-
-def test_wrong_wishes_of_a_curve() -> None:
-    with pytest.raises(InputError, match="at least one"):
-        time_error_curve(SHORT, 5, 2, [], [10])
-    with pytest.raises(InputError, match="undecided_counts"):
-        time_error_curve(SHORT, 5, 2, [0.9], [10], undecided_counts=-1.0)
-    with pytest.raises(InputError, match="credible_threshold"):
-        time_error_curve(SHORT, 5, 2, [1.5], [10])
 
 
 def test_a_curve_of_robots_that_steer_is_refused() -> None:
@@ -284,30 +274,3 @@ def test_fill_ratios_are_dense_just_above_a_boundary() -> None:
         scenario = detection_scenario(more_than, tiles="10x10")
         assert fills_around(scenario) == (below + above, [])
         assert scenario.decision.boundary_of == "tiles"
-
-
-def test_the_document_of_a_trade_off_draws_times_and_leaves_out_what_decides_alike(
-    curve: pl.DataFrame,
-) -> None:
-    twice = pl.concat([curve, curve.filter("pareto").head(1)])
-    document = tradeoff_document(Tradeoff(twice, SHORT, 5))
-    assert "1 further setting with the same figures left out." in document.tables["front"].caption
-    assert set(document.figures["front"].drawn.numbers["time"]) == set(curve["decision_time_s"])
-    alike = pl.concat([curve.filter("pareto").head(1)] * 2)
-    assert (
-        tradeoff_document(Tradeoff(alike, SHORT, 5)).answer[0].startswith("All 2 settings decide alike: p_c ")
-    )
-
-
-def test_wrong_wishes_of_detection() -> None:
-    one = cell([1.0])
-    for call in (lambda: needed([], 100.0, 0.1), lambda: detection_curve([], 100.0)):
-        with pytest.raises(InputError, match="at least one cell"):
-            call()
-    with pytest.raises(InputError, match="error"):
-        needed([one], 100.0, 5.0)
-    with pytest.raises(InputError, match="choices: swarm, robots"):
-        needed([one], 100.0, 0.5, of="floor")  # type: ignore[arg-type]
-    robots, runs = cell([1.0, 2.0])
-    with pytest.raises(InputError, match="the same number of robots"):
-        detection_curve([(robots.head(3), runs)], 100.0)

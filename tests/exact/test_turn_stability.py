@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import math
 
 import numpy as np
 import pytest
 
-from vibroswarm.cli import main
 from vibroswarm.motion.robot_params import (
     is_stable,
     passes_tolerance,
@@ -108,16 +105,3 @@ def test_turns_that_cannot_pass_their_tolerance_need_no_warning():
     assert not passes_tolerance(scenario)
     assert scenario_warnings(scenario) == []
     assert len(scenario_warnings(scenario.with_values({"walk.turn_tolerance_deg": 2.0}))) == 1
-
-
-UNSTABLE = ["--set", f"{GAIN}=200", "--set", "walk.turn_tolerance_deg=1", "--set", "run.t_end_s=20"]
-
-
-@pytest.mark.parametrize("options", [["run", "--json"], ["scenario"], ["evaluate", "--runs", "2", "--json"]])
-def test_commands_say_it_once(options):
-    for settings, times in ((UNSTABLE, 1), (["--set", "run.t_end_s=20"], 0)):
-        out, err = io.StringIO(), io.StringIO()
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            assert main([*options, *settings]) == 0
-        assert err.getvalue().count("Warning: turns are not stable") == times
-        assert "Warning" not in out.getvalue()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from vibroswarm.core.jit import kernel
-from vibroswarm.errors import InputError
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.robot_params import AT_ONCE, draw_veer_shifts, setup_of
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -84,8 +83,3 @@ def test_a_run_has_another_veer_and_a_robot_of_the_paper_has_one() -> None:
     kept = [EventRun(Scenario().with_values(own), 3, run).swarm["misalignment"].tolist() for run in (0, 1)]
     assert kept == [[0.01, -0.02]] * 2
     assert widest_veer_shift(preset("paper")) == 0.0
-
-
-def test_wheels_that_could_stand_are_refused() -> None:
-    with pytest.raises(InputError, match=r"robot.misalignment_drift"):
-        Scenario().with_values({"robot.misalignment_drift": 0.2, "robot.misalignments": [0.5]})

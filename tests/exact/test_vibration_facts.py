@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -77,21 +76,3 @@ def test_spreads_are_those_of_tiles_and_robots_and_of_few_samples() -> None:
         assert found_spread == pytest.approx(true, rel=0.2)
     by_hand = _spread(np.array([0, 0, 1, 1]), np.arange(4), np.array([0.0, 2.0, 10.0, 14.0]))
     assert by_hand == pytest.approx(math.sqrt((1 + 1 + 4 + 4) / (4 - 2)))
-
-
-def test_samples_beside_tiles_are_those_near_a_border() -> None:
-    found = dataset()
-    frame = found.samples.head(4).with_columns(
-        x_m=pl.Series([0.203, 0.203, 0.3, 0.203]),
-        tile=pl.Series([21, 21, 21, 21]),
-        vibrating=pl.Series([False, False, False, True]),
-        edge_m=pl.Series([0.003, 0.05, 0.05, -0.003]),
-    )
-    samples = fact_samples(replace(found, samples=frame))
-    assert samples.beside_vibrating.tolist() == [True, False, False, False]
-    assert samples.beside_still.tolist() == [False, True, False, False]
-    energy = np.array([2.0, 1.5, 1.0, 3.0])
-    of = facts(samples, energy, 1.33)
-    assert of["still, within 5 mm of a vibrating tile: mean energy"] == 2.0
-    assert of["still, within 5 mm of a still tile: share above 1.33"] == 1.0
-    assert math.isnan(of["still: correlation of two robots within 5 s"])

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from html.parser import HTMLParser
 
-HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&$x_$</iframe>"
-"""Markup, both quotes, a dollar for formulas, and the end of a frame."""
-
 
 class Markup(HTMLParser):
     """Elements and attributes of a view, and the documents of its frames."""

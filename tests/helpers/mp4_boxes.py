@@ -18,14 +18,6 @@ def with_steps(data: bytes, steps: Sequence[int]) -> bytes:
     return _replaced(data, b"stts", lambda old: table)
 
 
-def with_rotation(data: bytes, degrees: int) -> bytes:
-    """State that the picture is shown turned clockwise by 0, 90, 180 or 270 degrees."""
-    cos, sin = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[degrees]
-    one = 1 << 16
-    matrix = struct.pack(">9i", cos * one, sin * one, 0, -sin * one, cos * one, 0, 0, 0, 1 << 30)
-    return _replaced(data, b"tkhd", lambda old: old[:40] + matrix + old[76:])
-
-
 def units_per_s(data: bytes) -> int:
     """Units of time per second of the track."""
     found: list[int] = []

@@ -15,8 +15,6 @@ from vibroswarm.result import Result
 from vibroswarm.run_page.payload import RunRecord
 from vibroswarm.run_page.write import record_of, write_page
 
-ACTORS = "document.getElementById('actors').toDataURL()"
-"""What is drawn of the robots."""
 BLANK = """(id) => {
   const canvas = document.getElementById(id);
   const copy = document.createElement("canvas");
@@ -60,15 +58,6 @@ def open_page(tabs: Tabs, page_path: Path, tmp_path: Path) -> Iterator[Open]:
 def state(page: Any) -> dict[str, Any]:
     got: dict[str, Any] = page.evaluate("vibroswarm.state()")
     return got
-
-
-def wait_until(page: Any, true: str) -> None:
-    """Asks until the expression holds (the page's policy forbids the evaluation by which Playwright would wait)."""
-    for _ in range(200):
-        if page.evaluate(true):
-            return
-        page.wait_for_timeout(25)
-    pytest.fail(f"not within 5 s: {true}")
 
 
 def settled(page: Any) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -233,11 +232,6 @@ def make_record(
         "details": {"scenario": "0f3a9c2e77b1", "vibroswarm": "0.1.0", "numpy": "2.4.6"},
     }  # fmt: skip
     return RunRecord(**{**known, **fields})
-
-
-def ruled(record: RunRecord, rule: dict[str, Any], **fields: Any) -> RunRecord:
-    """The record with a rule that differs in these entries, and with other fields."""
-    return replace(record, rule={**record.rule, **rule}, **fields)
 
 
 def _run(frame: pl.DataFrame) -> pl.Series:

@@ -34,7 +34,6 @@ FLOATS = [name for name in field_names() if isinstance(default(name), float)]
 INTS = [name for name in field_names() if type(default(name)) is int]
 FLAGS = [name for name in field_names() if isinstance(default(name), bool)]
 WORDS = [name for name in field_names() if get_origin(annotation(name)) is Literal]
-LISTS = ["rays.side_m", "rays.angle_deg"]
 OTHERS = {
     "task.name": "another_task",
     "floor.source": "stripe:0.46",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from helpers.commands import json_of, output_of, refusal_of
+from helpers.commands import json_of, refusal_of
 from vibroswarm.cli import main
 from vibroswarm.scenario.plugins import load_file
 from vibroswarm.testing import motion as motion_checks
@@ -123,15 +123,6 @@ def test_a_good_file_passes(kind: str, tmp_path: Path, capsys: pytest.CaptureFix
     assert code == 0, shown
     assert shown.startswith("'mine' passes: ")
     assert "FAIL" not in shown
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("few_cases")
-@pytest.mark.parametrize("name", ["event", "ideal", "fill_ratio", "none", "soft"])
-def test_what_is_of_the_package_passes(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    shown = output_of(capsys, "check", name)
-    assert "FAIL" not in shown
-    assert "note" not in shown
 
 
 def spoilt(how: str) -> str:

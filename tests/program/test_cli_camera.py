@@ -9,18 +9,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from polars.testing import assert_frame_equal
 
-from helpers.browser import Tabs
-from helpers.commands import json_of, refusal_of, words_of
+from helpers.commands import json_of, words_of
 from helpers.rehearsal import write_rehearsal
 from helpers.scene import Look
 from vibroswarm import preset, simulate
 from vibroswarm.cli import lab_track, main
-from vibroswarm.documents.tracking import tracking_document
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
-from vibroswarm.show.page import write_page
 from vibroswarm.tracking.camera import square_of
 from vibroswarm.tracking.markers import read_markers, usual_markers
 from vibroswarm.tracking.track import Tracking, track
@@ -127,21 +123,6 @@ def test_a_video_is_tracked_into_a_recording(session: Path, capsys: pytest.Captu
     assert "The robots' clock is +12." in words_of(capsys, *again)
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(400, "light"), (1400, "dark")])
-def test_the_review_page_answers_and_fits(
-    tabs: Tabs, tracked: Tracking, tmp_path: Path, width: int, scheme: str
-) -> None:
-    write_page(tmp_path / "review.html", tracking_document(tracked))
-    address = (tmp_path / "review.html").as_uri()
-    page = tabs.open(address, viewport={"width": width, "height": 900}, color_scheme=scheme)
-    lead = page.locator(".lead").first
-    assert "of positions found: 5 robots" in lead.inner_text().replace("\u00a0", " ")
-    assert lead.bounding_box()["y"] < 400
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert page.locator("svg.drawing").count() == 3
-    assert tabs.emptied() == []
-
-
 def test_heights_and_lenses_that_are_ignored_fail_the_bar(session: Path, tracked: Tracking) -> None:
     """Controls: the same video without the markers' height, and by the video's own lens."""
     markers, own = read_markers(session / "v.markers.toml"), tracked
@@ -151,23 +132,3 @@ def test_heights_and_lenses_that_are_ignored_fail_the_bar(session: Path, tracked
     right, _ = square_of(own.camera.at_height(own.detections.corners_px[seen], markers.height_m))
     assert np.quantile(np.hypot(*(flat - right).T), 0.95) > 0.008
     assert own.gaps().columns == ["robot", "start_s", "end_s"]
-
-
-def test_markers_may_be_given_by_their_numbers(session: Path, tmp_path: Path, capsys: Any) -> None:
-    given = ["lab", "track", str(session / "v.avi"), "--lens", str(session / "v.chessboard.avi")]
-    ids = [*given, "--markers", "0,1,2,3,4"]
-    assert "--marker-size: is required with ids" in refusal_of(capsys, *ids, "--out", tmp_path / "no")
-    ids += ["--marker-size", "50", "--marker-height", "30"]
-    assert main([*ids, "--out", str(tmp_path / "ids")]) == 0
-    by_file = [*given, "--markers", str(session / "v.markers.toml"), "--out", str(tmp_path / "file")]
-    assert main(by_file) == 0
-    found = [pl.read_parquet(tmp_path / name / "positions.parquet") for name in ("ids", "file")]
-    assert_frame_equal(*found, abs_tol=1e-9)  # the file has rounded lengths
-    assert "is for ids" in refusal_of(capsys, *by_file, "--marker-height", "30")
-    no_lens = ["lab", "track", str(session / "v.avi"), *by_file[5:7], "--out", str(tmp_path / "no")]
-    assert "--board: is for the video of a chessboard; give it with --lens" in refusal_of(
-        capsys, *no_lens, "--board", "8x6"
-    )
-    for other in (["--partial"], ["--any-floor"], ["--board", "8x6"]):
-        assert main([*by_file, *other]) == 2, other  # other settings, so other work than that in the folder
-        assert "add --force to replace it" in " ".join(capsys.readouterr().err.split())

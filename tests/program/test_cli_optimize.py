@@ -16,10 +16,7 @@ import vibroswarm
 from helpers.commands import json_of, output_of, refusal_of, words_of
 from helpers.search_functions import steps_of
 from vibroswarm.cli import main
-from vibroswarm.cli.command_line import bound
-from vibroswarm.cli.commands import parsed
 from vibroswarm.core.numbers import count
-from vibroswarm.optimize.words import search_of
 from vibroswarm.show.markup import unbroken_options
 
 SMALL = (
@@ -175,19 +172,6 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
     assert "does not mean that they are equal" in found["answer"][0]
 
 
-def test_scenarios_on_different_floors_are_not_compared_without_a_word(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    one, other, floors = (tmp_path / name for name in ("one.toml", "other.toml", "floors.toml"))
-    one.write_text('preset = "paper"\n[run]\nt_end_s = 60.0\n')
-    other.write_text(one.read_text() + '[floor]\nsource = "stripe:0.46"\n')
-    floors.write_text(SMALL + '[grid]\n"floor.source" = ["stripe:0.48"]\n')
-    told = "The two differ in floor.source too; --search FILE sets its cases in both."
-    for options, warnings in (([], [told]), (["--search", str(floors)], [])):
-        found = json_of(capsys, "optimize", "compare", one, other, "--runs", "4", "--json", *options)
-        assert found["warnings"] == warnings
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("empty_pictures")
 def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -224,24 +208,6 @@ def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.Capt
     )
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["sensitivity", "--budget", "10"], "10 runs are too few for 5 fields; give at least 560"),
-        (["--method", "grid", "--fresh", "1"], "--fresh: 1 is wrong; give a whole number from 2"),
-    ],
-)
-def test_force_removes_nothing_before_all_is_checked(
-    options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("SALib")
-    old = tmp_path / "old"
-    assert main(["run", "--set", "run.t_end_s=10", "--out", str(old)]) == 0
-    before = sorted(path.name for path in old.iterdir())
-    assert words in refusal_of(capsys, "optimize", *options, "--out", old, "--force")
-    assert sorted(path.name for path in old.iterdir()) == before
-
-
 def test_scenarios_are_compared_on_the_motion_of_the_search(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -266,71 +232,3 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
     said = output_of(capsys, *options, "--out", tmp_path / "out")
     assert said.index("min_observations") < said.index("sample_interval")  # the gate decides when to decide
     assert pl.read_csv(tmp_path / "out" / "sensitivity.csv").height == 2
-
-
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (["missing.toml"], "cannot be read"),
-        (["--method", "psoo"], "did you mean 'pso'"),
-        (["--method", "gird"], "did you mean 'grid'"),
-        (["--cost", "intendet"], "did you mean 'intended'"),
-        (["--budget", "many"], "not a whole number"),
-        (["--budget", "10"], "10 runs are too few for one iteration"),
-        (
-            ["--budget", "400"],
-            "400 runs are too few for one iteration, which takes 300, and the 160 of the race",
-        ),
-        (["--noise", "loud"], "rescore, ocba, fixed"),
-        (["--method", "random", "--noise", "ocba"], "--noise: applies to the method pso only"),
-        (["--check", "paper"], "'optimize --check' is now 'vibroswarm optimize compare FIRST SECOND'"),
-        (["--sensitivity"], "'optimize --sensitivity' is now 'vibroswarm optimize sensitivity'"),
-        (["--runs", "10"], "a search has a --budget"),
-        (["compare", "nothing.toml"], "neither a file nor a preset"),
-        (["compare", "paper", "--budget", "10"], "--budget: unknown option"),
-        (["sensitivity", "--mixed"], "--mixed: unknown option"),
-        (["--mixed"], "--mixed: has no effect without --out DIR"),
-        (["compare", "paper", "--runs", "1"], "give a whole number from 2"),
-        (["--method", "grid", "--noise", "fixed"], "does not apply to a grid"),
-        (["sensitivity", "--budget", "10"], "too few"),
-        (["sensitivity", "--runs", "10"], "--runs: unknown option"),
-        (["--style", "poster"], "style"),
-        (["--workers", "0", "--budget", "1000"], "--workers: 0 is not from 1 to 4096"),
-    ],
-)
-def test_bad_input_is_told_and_ends_with_2(
-    options: list[str], told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    if "sensitivity" in options:
-        pytest.importorskip("SALib")
-    assert told in refusal_of(capsys, "optimize", *options)
-
-
-def searched(line: list[str]) -> vibroswarm.optimize.Search:
-    command, values = parsed(line)
-    arguments = bound(command.function(), vars(values)).arguments
-    return search_of(arguments["search"], **vars(arguments["settings"]))
-
-
-def test_options_correct_what_a_file_has_wrong(tmp_path: Path) -> None:
-    path = tmp_path / "search.toml"
-    two = "[[objective]]\ncost = 'decision_time'\nstatistic = 'mean'\n[[objective]]\ncost = 'errors'\n"
-    path.write_text(SMALL.replace("budget = 150", "budget = 2") + two)
-    options = ["optimize", str(path), "--method", "tpe", "--cost", "errors", "--budget", "90"]
-    search = searched(options)
-    (objective,) = search.objectives
-    assert (objective.name, objective.statistic) == ("errors", "mean")
-    assert (search.settings.method, search.budget) == ("tpe", 90)
-    path.write_text(SMALL.replace("budget = 150", "budget = 2"))
-    assert searched(["optimize", str(path), "--budget", "90"]).budget == 90
-    path.write_text(SMALL.partition("[search]")[0])
-    fixed = searched(["optimize", str(path), "--budget", "18", "--noise", "fixed"])
-    assert (fixed.pso.noise, fixed.budget) == ("fixed", 18), "beside the race of other noise it is too few"
-
-
-def test_a_search_refuses_a_number_of_runs_of_each_cell(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It has a budget: the number was ignored."""
-    (tmp_path / "search.toml").write_text("runs = 300\n", encoding="utf-8")
-    assert "runs: is for grids" in refusal_of(capsys, "optimize", tmp_path / "search.toml")

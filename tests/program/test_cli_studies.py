@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
-import re
-import resource
-import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -20,17 +15,13 @@ import pytest
 from polars.testing import assert_frame_equal
 
 import vibroswarm
-from helpers.commands import json_of, output_of, refusal_of, remarks_of, words_of
-from helpers.dask_cluster import Cluster
-from vibroswarm.cli import main, studies
+from helpers.commands import output_of, remarks_of
+from vibroswarm.cli import main
 from vibroswarm.core import folders
-from vibroswarm.scenario.scenario import preset
-from vibroswarm.study import executors, runner
-from vibroswarm.study.spec import FORMAT, Study
+from vibroswarm.study import executors
+from vibroswarm.study.spec import FORMAT
 from vibroswarm.study.study_result import StudyResult
-from vibroswarm.study.words import study_of
 
-SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--robots", "2"]
 QUIET = ["--no-pictures", "--no-confirm"]
 TEXT = """
 runs = 20
@@ -53,18 +44,6 @@ def study(tmp_path: Path) -> Path:
 
 def sweep(*arguments: object) -> int:
     return main(["evaluate", *(str(a) for a in arguments), *QUIET])
-
-
-@pytest.mark.usefixtures("one_picture")
-def test_the_page_is_written_though_nobody_reads_on(study, tmp_path, monkeypatch):
-    class Closed(io.StringIO):
-        def write(self, text: str) -> int:
-            raise BrokenPipeError
-
-    out = tmp_path / "out"
-    monkeypatch.setattr(sys, "stdout", Closed())
-    assert main(["evaluate", str(study), "--out", str(out), "--no-confirm"]) == 1
-    assert (out / "report.html").is_file()
 
 
 def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):
@@ -93,121 +72,6 @@ def test_evaluate_is_the_sweep_of_its_options(tmp_path, study, capsys):
     assert "Nothing to do: all runs exist." in again, "another study would be refused"
 
 
-def test_evaluate_varies_presets(capsys):
-    line = [
-        "evaluate",
-        "--vary",
-        "preset=paper,text,calibrated",
-        "--robots",
-        "3",
-        "--runs",
-        "2",
-        "--no-confirm",
-        "--json",
-    ]
-    cells = json_of(capsys, *line, "--set", "run.t_end_s=50")["tables"]["cells"]
-    for cell, name in zip(cells, ("paper", "text", "calibrated"), strict=True):
-        wanted = preset(name).with_values({"swarm.robots": 3, "run.t_end_s": 50})
-        assert cell["scenario_hash"] == wanted.hash
-    assert "--preset: conflicts with --vary preset" in refusal_of(capsys, *line, "--preset", "text")
-
-
-def test_evaluate_warns_only_of_scenarios_of_the_study(monkeypatch):
-    warned = []
-    monkeypatch.setattr(studies, "warn_of", warned.extend)
-    line = [
-        "evaluate",
-        "--robots",
-        "3",
-        "--vary",
-        "preset=text,calibrated",
-        "--runs",
-        "2",
-        "--no-confirm",
-        "-q",
-    ]
-    assert main(line) == 0
-    study = study_of(robots=(3,), vary=["preset=text,calibrated"])
-    assert warned
-    assert {scenario.hash for scenario in warned} <= {cell.scenario.hash for cell in study.cells}
-
-
-def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setattr("tempfile.tempdir", None)
-    varied = ["--strategy", "soft", "--vary", "strategy.soft.eta=1,2"]
-    told = json_of(capsys, "evaluate", *SHORT, "--runs", "10", *varied, "--json", *QUIET)
-    assert [cell["strategy.soft.eta"] for cell in told["tables"]["cells"]] == [1, 2]
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        ("--runs 20", "no two strategies are compared"),
-        ("--runs 20 --vary walk.walk_duration_scale_ms=9000,9500", "no two strategies are compared"),
-        ("--runs 19 --strategy none,soft", "it takes 20 successive runs of each cell"),
-        ("--runs 20 --strategy none,soft --floor random:0.5 --tiles 4x4", "a run has no right decision"),
-        ("--runs 20 --strategy none,soft --vary walk.walk_duration_scale_ms=1,2,3,4,5,6,7", ""),
-    ],
-)
-def test_who_asks_in_vain_for_equal_error_is_told(words, why, capsys):
-    told = words_of(capsys, "evaluate", *SHORT, *words.split(), "--equal-error", "--no-confirm", *QUIET, "-q")
-    assert why in told
-    assert ("nothing is compared at equal error" in told) == bool(why)
-
-
-def test_a_strategy_that_no_setting_changes_is_compared_at_equal_error_only_as_it_was_run(tmp_path, capsys):
-    """Once one that errs less was called slower at equal error, though it had never erred as often."""
-    code = """
-from vibroswarm.strategies import strategy_in
-
-class State:
-    one: bool
-
-def begin(s, a, d, p, w):
-    s.one = {}
-
-def on_sample(s, a, x, out, d, p, w):
-    return False
-
-def decision(s, a, p, w):
-    return int(s.one)
-
-{} = strategy_in(__name__, "{}")
-"""
-    for name, value in (("less", False), ("more", True)):
-        (tmp_path / f"{name}.py").write_text(code.format(value, name, name))
-    names = f"none,{tmp_path}/less.py:less,{tmp_path}/more.py:more"
-    line = ["--runs", "20", "--strategy", names, "--floor", "random:0.44", "--equal-error", *QUIET, "-q"]
-    told = words_of(capsys, "evaluate", *SHORT, *line)
-    assert (
-        "2 pairs not compared at equal error: with other settings the strategy that errs less does the"
-        in told
-    )
-    assert told.count("At equal error") == 1
-    assert "At equal error (100.0 %, that of more), none with its best settings, more as run: " in told
-    assert "add --equal-error" not in told
-
-
-def test_a_study_says_that_faulty_robots_count(capsys):
-    faults = ("--set", "faults.battery_empty=[0]", "--set", "faults.stuck_at_1=[1]")
-    told = words_of(capsys, "evaluate", *SHORT, *faults, "--runs", "4", *QUIET, "-q")
-    assert "faulty robots (stuck at 1 and battery empty) count like the others" in told
-
-
-def test_until_a_precision(tmp_path, capsys):
-    line = ["evaluate", *SHORT, "--until", "20%", "--max-runs", "400", "--out", str(tmp_path / "u"), *QUIET]
-    assert main(line) == 0
-    result = StudyResult.open(tmp_path / "u")
-    assert result.cells["wanted"].to_list() == [100]
-    assert "until decision_time_s is known to 20%" in words_of(capsys, "show", tmp_path / "u")
-    assert "messages sent by a robot" in output_of(
-        capsys, "evaluate", *SHORT, "--until", "20%", "--figure", "sent", "--max-runs", "100", *QUIET
-    )  # not only how its interval was found
-
-
 def test_shares_are_merged_and_confirmed_as_a_sweep_is(study, tmp_path, capsys):
     line = ["evaluate", str(study), "--out", str(tmp_path / "whole"), "--runs", "400", "--no-pictures"]
     assert main(line) == 0
@@ -233,59 +97,6 @@ def test_shares_are_merged_and_confirmed_as_a_sweep_is(study, tmp_path, capsys):
         (tmp_path / name / "comparisons.csv").read_text() for name in ("joined", "alone", "whole")
     )
     assert joined == whole != alone
-
-
-def test_force_removes_nothing_if_the_shards_are_of_two_studies(study, tmp_path, capsys):
-    old, one, other = (tmp_path / name for name in ("old", "one", "other"))
-    assert main(["run", "--set", "run.t_end_s=10", "--out", str(old)]) == 0
-    assert sweep(study, "--out", one, "--runs", "4") == 0
-    assert main(["evaluate", "--runs", "4", "--set", "run.t_end_s=10", "--out", str(other), *QUIET]) == 0
-    before = sorted(path.name for path in old.iterdir())
-    assert "is of another study than" in refusal_of(capsys, "evaluate", "merge", old, one, other, "--force")
-    assert sorted(path.name for path in old.iterdir()) == before
-
-
-def test_a_lost_share_can_be_made_again_where_it_is_missed(study, tmp_path, capsys):
-    assert sweep(study, "--out", tmp_path / "1", "--runs", "400", "--shard", "1/2") == 0
-    assert main(["evaluate", "merge", str(tmp_path / "joined"), str(tmp_path / "1"), "--no-pictures"]) == 1
-    told = capsys.readouterr().err
-    assert "finish here: vibroswarm evaluate" in told
-    assert sweep(tmp_path / "joined" / "study.toml", "--out", tmp_path / "joined") == 0
-    assert StudyResult.open(tmp_path / "joined").runs().height == 800
-
-
-def test_show_tells_what_is_there(study, tmp_path, capsys, caplog):
-    out = tmp_path / "out"
-    assert sweep(study, "--out", out) == 0
-    told = words_of(capsys, "show", out)
-    for words in (
-        "20 runs per cell",
-        "2 cells, runs 20 each, seed 1",
-        "Varied: strategy.name",
-        "40 of 40 runs (100 %)",
-        "Made by vibroswarm",
-    ):
-        assert words in told
-    shard = next((out / "shards").glob("*.parquet"))
-    whole = shard.read_bytes()
-    shard.write_bytes(whole + b"more")
-    assert "was added to" in json_of(capsys, "show", out, "--json")["damaged"][0]
-    shard.write_bytes(whole[:-7])
-    (out / "shards" / ".half.parquet").write_bytes(b"")
-    about = json_of(capsys, "show", out, "--json")
-    assert (about["runs_there"], about["runs_wanted"], about["left_over_files"]) == (0, 40, 1)
-    assert "is cut off" in about["damaged"][0]
-    said = output_of(capsys, "show", out).partition("To resume: ")[2].partition("\n\n")[0]
-    assert shlex.split(said) == ["vibroswarm", "evaluate", f"{out}/study.toml", "--out", str(out)]
-    assert sweep(study, "--out", out) == 0
-    assert "damaged, will be recomputed: " in caplog.text
-    assert "amaged" not in output_of(capsys, "show", out)
-
-
-def test_a_batch_alone(study, tmp_path, capsys):
-    line = ("evaluate", study, "--out", tmp_path / "out", "--batch", "0:5-9", *QUIET)
-    assert "Batch 0:5-9 is done" in output_of(capsys, *line)
-    assert StudyResult.open(tmp_path / "out").store.ranges(0) == [(5, 9)]
 
 
 BAD = {
@@ -460,99 +271,3 @@ def test_ctrl_c_ends_with_130_and_what_is_done_is_kept(executor, study, tmp_path
     there = int(result.cells["there"].sum())
     assert 0 < there < 200_000
     assert not list(out.rglob(".*"))
-
-
-def test_a_disk_that_is_full_ends_with_1_and_is_gone_on_with(study, tmp_path):
-    def little() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, 8_000))
-
-    out = tmp_path / "out"
-    line = ["evaluate", study, "--out", out, "--runs", "1000", *QUIET]
-    process = command(*line, preexec_fn=little)
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 1, err
-    assert "could not write" in err
-    assert "File too large" in err
-    assert "Traceback" not in err
-    assert not list(out.rglob(".*"))
-    assert sweep(study, "--out", out, "--runs", "1000") == 0
-    assert StudyResult.open(out).store.damaged == []
-
-
-def test_what_is_not_compiled_yet_is_compiled_before_processes_begin(study, tmp_path, monkeypatch):
-    """Once, by the process that the others are begun by."""
-    order = []
-    monkeypatch.setattr(runner, "is_cached", lambda: False)
-    monkeypatch.setattr(runner, "do_batch", lambda batch: order.append(batch.name))
-    monkeypatch.setattr(runner._Runner, "do", lambda *_: order.append("the rest"))
-    Study.read(study).run(tmp_path / "out", executor="processes")
-    assert order == ["0:0-1", "the rest"]
-
-
-def test_plain_lines_where_there_is_no_terminal(study, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("vibroswarm.cli.progress.LINE_EVERY_S", 0.0)
-    monkeypatch.setattr("vibroswarm.cli.progress.FIRST_LINE_S", 0.0)
-    assert sweep(study, "--out", tmp_path / "out", "--runs", "2000") == 0
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("simulating: ")]
-    assert re.search(
-        r"simulating: [\d,]+ of 2,000 runs \(\d+ %\), [\d,.]+ per second, [\d.]+ s left", lines[-2]
-    )
-    assert "2,000 of 2,000 runs (100 %)" in lines[-1]
-    assert "\x1b" not in "".join(lines)
-
-
-@pytest.mark.slow
-def test_a_bar_on_a_terminal(study, tmp_path):
-    """Through a pseudo-terminal, as a user sees it."""
-    import pty
-
-    ours, theirs = pty.openpty()
-    env = {
-        **os.environ,
-        "PYTHONPATH": str(Path(vibroswarm.__file__).parents[1]),
-        "COLUMNS": "120",
-        "TERM": "xterm",
-    }
-    line = [
-        sys.executable,
-        "-m",
-        "vibroswarm",
-        "evaluate",
-        study,
-        "--out",
-        tmp_path / "out",
-        "--runs",
-        "3000",
-        *QUIET,
-    ]
-    with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=theirs, env=env) as process:
-        os.close(theirs)
-        told = b""
-        while True:
-            try:
-                data = os.read(ours, 4096)
-            except OSError:  # the other end is closed
-                break
-            if not data:
-                break
-            told += data
-    os.close(ours)
-    assert process.returncode == 0
-    assert re.search(rb"/3000", told)
-    assert b"per second" in told
-
-
-@pytest.mark.slow
-def test_a_dask_worker_of_another_version_is_refused(study, tmp_path, capsys):
-    sources = Path(vibroswarm.__file__).parent
-    other = shutil.copytree(
-        sources, tmp_path / "other" / "vibroswarm", ignore=shutil.ignore_patterns("__pycache__")
-    )
-    with (other / "core" / "rng.py").open("a") as stream:
-        stream.write("CHANGED = True\n")
-    with Cluster(tmp_path, 1, sources=tmp_path / "other") as cluster:
-        assert sweep(study, "--out", tmp_path / "a", "--executor", cluster.address) == 2
-    told = capsys.readouterr().err
-    assert "has other versions than this process (code " in told
-    assert "Traceback" not in told
-    assert not (tmp_path / "a").exists()

@@ -22,7 +22,6 @@ TOML read as TOML.
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import fnmatch
 import io
@@ -42,7 +41,6 @@ from helpers.documents import (
     ROOT,
     Block,
     blocks,
-    blocks_of,
     command_of,
     exchanges,
     lay_out,
@@ -58,7 +56,6 @@ from vibroswarm.errors import InputError
 KINDS = ("python", "console", "sh", "toml", "text", "math")
 PLOTTED = "robots_wrong"
 """The picture that docs/studies.md plots."""
-OF_THE_SITE = ("{toctree}", "{eval-rst}", "{literalinclude}", "{raw}")
 
 
 def understood(command: list[str]) -> bool:
@@ -100,15 +97,6 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def name_of(document: Path) -> str:
     return str(document.relative_to(ROOT).with_suffix(""))
-
-
-def test_every_block_says_what_it_is():
-    for document in DOCUMENTS:
-        text = document.read_text(encoding="utf-8")
-        found = blocks_of(text)
-        assert {block.kind for block in found} <= {*KINDS, *OF_THE_SITE}, document
-        assert 2 * len(found) == len(re.findall(r"^```", text, flags=re.MULTILINE)), document
-        assert text.count("<!-- not run") == sum(not block.is_run for block in found), document
 
 
 @pytest.mark.slow
@@ -197,46 +185,6 @@ def read_as_what_it_is(text: str, folder: Path) -> str:
     return "scenario"
 
 
-def test_the_checks_of_blocks_can_fail(here):
-    (block,) = blocks_of("<!-- not run: it takes hours -->\n```sh\nvibroswarm reproduce\n```\n")
-    assert block == Block("sh", "vibroswarm reproduce\n", "it takes hours")
-    assert small(["evaluate", "--until", "2%", "--runs", "9", "--set", "a=1"])[:3] == [
-        "evaluate",
-        "--set",
-        "a=1",
-    ]
-    assert not same_words("consensus at 12 s", "consensus at 13 s")
-    assert same_words("a [1, 2]\nconsensus at 12 s\n", "...\na [1, 2]\n...\n12 s\n...")
-    assert not understood(["run", "--robot", "5"])
-    with pytest.raises(InputError):
-        read_as_what_it_is('[strategy]\nname = "loud"\n', here)
-    assert run(["run", "--nothing"])[0] == 2
-
-
-def test_only_commands_that_are_run_alike_elsewhere_are_left_out():
-    line = "vibroswarm optimize --out out/mine --budget 3000"
-    assert repeats(DOCS / "tutorial.md", line, "nothing")  # the README has it, with another folder
-    assert not repeats(ROOT / "README.md", line, "nothing")
-    assert not repeats(DOCS / "tutorial.md", line, "vibroswarm show out/mine")
-    assert not repeats(DOCS / "tutorial.md", line + " --noise fixed", "nothing")
-    assert not repeats(DOCS / "tutorial.md", "vibroswarm lab threshold lab", "nothing")  # of another folder
-    assert not repeats(DOCS / "tutorial.md", "vibroswarm evaluate study.toml --out out/study", "nothing")
-
-
-def test_the_example_of_the_pictures_names_all_of_them():
-    from vibroswarm import plots
-
-    text = (DOCS / "pictures.md").read_text(encoding="utf-8")
-    for name in plots.__all__:
-        assert f"`{name}" in text, name
-
-
-def test_the_version_is_the_same_everywhere():
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
-    assert f"version: {declared}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert f"## {declared}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-
-
 def test_the_public_names_are_there():
     import vibroswarm
 
@@ -276,16 +224,6 @@ def dead_links(document: Path) -> Iterator[str]:
             yield target
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)
-def test_no_table_is_cut_in_two(document):
-    """A blank line between rows ends a table, and the rows below it are shown as they stand."""
-    lines = ["", *document.read_text(encoding="utf-8").splitlines(), ""]
-    begins = [
-        at for at, line in enumerate(lines) if line.startswith("|") and not lines[at - 1].startswith("|")
-    ]
-    assert not [lines[at] for at in begins if not re.fullmatch(r"[|\s:-]+", lines[at + 1])]
-
-
 def test_links_lead_somewhere():
     documents = [*sorted(ROOT.glob("*.md")), *sorted(DOCS.rglob("*.md"))]
     dead = {name_of(document): list(dead_links(document)) for document in documents}
@@ -295,51 +233,3 @@ def test_links_lead_somewhere():
 def test_a_dead_link_is_seen(tmp_path):
     (tmp_path / "a.md").write_text("# A b: `c`\n[x](#a-b-c) [y](b.md) [z](#d) [w](https://example.org)\n")
     assert list(dead_links(tmp_path / "a.md")) == ["b.md", "#d"]
-
-
-def test_what_examples_of_the_readme_say():
-    for block in blocks(ROOT / "README.md", "python"):
-        assert len([line for line in block.text.splitlines() if line.strip()]) <= 11
-        assert ast.parse(block.text).body
-
-
-def strategies_made_in(text):
-    """Names of the strategies and networks whose code a document gives."""
-    return re.findall(r"(?:strategy|network)_in\(\s*__name__,\s*\"(\w+)\"", text)
-
-
-def test_fields_that_documents_name_are_there():
-    from vibroswarm.scenario.scenario import Scenario, field_names
-
-    known = set(field_names())
-    sections = "|".join(Scenario.model_fields)
-    for document in DOCUMENTS:
-        text = document.read_text(encoding="utf-8")
-        for name in re.findall(rf"`(?:--set )?((?:{sections})(?:\.\w+)+)(?![\w(])", text):
-            module = ROOT / "src" / "vibroswarm" / ("/".join(name.split(".")[:2]) + ".py")
-            if name.split(".")[1] in strategies_made_in(text):
-                continue
-            assert (
-                name in known or module.exists() or name.endswith((".html", ".png", ".toml", ".csv", "_"))
-            ), f"{document.name}: {name}"
-
-
-def test_the_glossary_has_the_values_of_preset_paper():
-    from vibroswarm import preset
-    from vibroswarm.scenario.scenario import value_of
-
-    text = (DOCS / "glossary.md").read_text(encoding="utf-8")
-    found = re.findall(r"`(\w+(?:\.\w+)+)` \(([\d.]+)", text)
-    assert len(found) >= 12
-    for name, value in found:
-        assert float(value) == value_of(preset("paper"), name), name
-
-
-def test_the_glossary_has_the_posteriors_of_a_hundred_runs():
-    from vibroswarm import Study, preset
-
-    text = (DOCS / "glossary.md").read_text(encoding="utf-8")
-    (said,) = re.findall(r"\(preset `paper`, 100 runs, seed 1\) the posterior(.*?)\n\n", text, re.DOTALL)
-    ran = Study.of(preset("paper"), runs=100, seed=1, strategy__name=["none", "soft", "positive"]).run()
-    rows = ran.summary().select("estimate", "estimate_low", "estimate_high").rows()
-    assert re.findall(r"0\.\d+", said) == [f"{value:.3f}" for row in rows for value in row]

@@ -82,23 +82,6 @@ def test_a_study_by_worker_processes_is_read_again_only_with_its_package(
     assert "there is no" in refusal_of(capsys, "show", out)  # in this process, which has no such package
 
 
-def test_a_package_that_cannot_be_loaded_does_not_hide_what_others_offer(package: Path) -> None:
-    points = package / "mine-1.0.dist-info" / "entry_points.txt"
-    points.write_text(POINTS.replace("mine.near:near", "mine.nowhere:near"), encoding="utf-8")
-    lines = (["--network", "near"], ["--task", "cornr"], ["--task", "corner"])
-    program = f"""
-from vibroswarm.cli import main
-for words in {lines}:
-    print(main(["run", "--set", "run.t_end_s=20", *words]), flush=True)
-"""
-    done = python("-c", program, package=package)
-    broken, misspelt, *_ = done.stderr.splitlines()
-    assert "mine.nowhere:near: cannot be loaded: ModuleNotFoundError" in broken
-    assert "did you mean 'corner'?" in misspelt
-    assert done.stdout.startswith("2\n2\n")
-    assert done.stdout.endswith("\n0\n"), done.stderr
-
-
 def test_only_what_is_chosen_is_loaded_and_two_packages_may_not_share_its_name(
     package: Path, tmp_path: Path
 ) -> None:

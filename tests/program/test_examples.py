@@ -41,18 +41,6 @@ def test_every_script_is_tested():
     assert tuple(sorted(path.stem for path in EXAMPLES.glob("*.py"))) == SCRIPTS
 
 
-def test_help_of_a_script_starts_no_work(run_example):
-    scripts = [
-        path for folder in ("benchmarks", "docs", "examples") for path in (ROOT / folder).rglob("*.py")
-    ]
-    texts = {path: path.read_text(encoding="utf-8") for path in scripts}
-    asked = [text for text in texts.values() if "__main__" in text or "sys.argv" in text]
-    assert all("ArgumentParser(" in text for text in asked)
-    for name in SCRIPTS:
-        with pytest.raises(SystemExit, match="0"):
-            run_example(name, "--help")
-
-
 def test_first_run(run_example):
     told = run_example("first_run", "kept")
     assert "consensus: right, after 891.48 s" in told
@@ -83,27 +71,6 @@ def test_the_figure_of_fill_ratios(run_example, capsys):
     for name in ("decision_time_s", "swarm_right", "swarm_wrong"):
         assert Path(f"figure/{name}.pdf").read_bytes().startswith(b"%PDF")
         assert "<svg" in Path(f"figure/{name}.svg").read_text(encoding="utf-8")
-
-
-def test_own_floor(run_example):
-    told = run_example("own_floor", "20")
-    assert "patchy: Moran index 0.70" in told
-    assert "spread: Moran index -0.30" in told
-    assert told.count("it can be decided") == 2
-    assert "inside 1 m x 1 m 0.240 vibrates" in told
-
-
-def test_own_cost(run_example):
-    told = run_example("own_cost", "200")
-    assert "believed:" in told
-    assert "on 100 fresh runs" in told
-
-
-def test_replay_recording(run_example):
-    told = run_example("replay_recording", "3")
-    assert "session 2, as it ran: {'right': 1.0}" in told
-    assert told.count("s on average") == 6
-    assert "threshold by equal error: 1.26" in told
 
 
 def test_the_files_are_what_they_say():

@@ -8,15 +8,12 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from helpers.commands import json_of, output_of, words_of
-from vibroswarm import Study
+from helpers.commands import json_of, words_of
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.kernel_run import batch_of
 from vibroswarm.motion.recorder import Failure
 from vibroswarm.motion.source import Source, register
-from vibroswarm.study.store import Store
 from vibroswarm.study.study_result import StudyResult
-from vibroswarm.study.summary import outcome_of
 
 FAILED = (1, 4)
 AT_TICK = 500
@@ -67,37 +64,3 @@ def test_failed_runs_are_counted_in_table_report_and_results(
     assert result.runs(0)["undecided"].to_list()[1] == 2
     summary = json_of(capsys, "evaluate", *BRIEF, "--motion", failing, "--json")["tables"]["summary"]
     assert [cell["failed_runs"] for cell in summary] == [2, 2]
-
-
-@pytest.mark.usefixtures("one_picture")
-def test_a_study_whose_runs_all_end_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "study"
-    assert "failed" not in output_of(capsys, "evaluate", *BRIEF, "--motion", "fixed-step", "--out", out)
-    assert "failed" not in (out / "report.html").read_text()
-    result = StudyResult.open(out)
-    assert "failed_runs" not in result.summary().columns
-    assert result.failed_runs().is_empty()
-    assert {"cell", "strategy.name", "run", "time_s", "reason"} <= set(result.failed_runs().columns)
-
-
-def test_a_run_that_fails_after_the_end_of_a_shorter_cell_has_not_failed_there(failing: str) -> None:
-    study = Study(
-        base={"swarm": {"robots": 2}}, vary={"grid": {"run.t_end_s": [8.0, 30.0]}}, runs=6, motion=failing
-    )
-    assert [cell.failed.height for cell in outcome_of(study.run()).cells] == [0, 2]
-
-
-def test_a_failed_run_that_two_shards_hold_is_listed_once(failing: str, tmp_path: Path) -> None:
-    study = Study(base={"run": {"t_end_s": 30.0}, "swarm": {"robots": 2}}, runs=6, motion=failing)
-    result = study.run(tmp_path / "study")
-    result.store.by_group[0] *= 2
-    assert result.failed_runs()["run"].to_list() == list(FAILED)
-
-
-def test_a_damaged_list_of_failed_runs_is_reported(failing: str, tmp_path: Path) -> None:
-    study = Study(base={"run": {"t_end_s": 30.0}, "swarm": {"robots": 2}}, runs=6, motion=failing)
-    study.run(tmp_path / "study")
-    (shard,) = (tmp_path / "study" / "shards").glob("*.failures.parquet")
-    shard.write_bytes(shard.read_bytes()[:-9])
-    (words,) = Store.open(tmp_path / "study").damaged
-    assert shard.name in words

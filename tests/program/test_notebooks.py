@@ -11,8 +11,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NOTEBOOKS = ("first_run", "study")
 
@@ -66,9 +64,3 @@ def test_the_study_shows_its_answer() -> None:
     assert summary.height == 2
     assert table.height > 3
     assert len(frame) == 5
-
-
-def test_a_cell_that_fails_is_seen() -> None:
-    with pytest.raises(NameError):
-        shown_by(["a = 1", "b"])
-    assert shown_by(["a = 1", "a + 1"]) == [None, 2]

@@ -12,8 +12,6 @@ import pytest
 from helpers.commands import output_of, refusal_of
 from vibroswarm import preset, tasks
 from vibroswarm.cli import main
-from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import CodeError
 from vibroswarm.motion import source
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
@@ -160,95 +158,6 @@ def test_tasks_side_by_side_are_kept_apart(files: Path, capsys: pytest.CaptureFi
     assert StudyResult.open(out).cells["there"].to_list() == [24, 24]
 
 
-def test_a_search_with_a_task(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    never_even = HALVES.replace("None if left == right else int(left > right)", "int(left > right)")
-    (files / "halves.py").write_text(never_even, encoding="utf-8")
-    search = files / "search.toml"
-    search.write_text(
-        """[scenario]
-task = { name = "halves.py:halves" }
-decision = { min_observations = 10 }
-run = { t_end_s = 100 }
-[space]
-"sample.sample_interval_ms" = { from = 1000.0, to = 5000.0 }
-[search]
-method = "random"
-budget = 20
-evaluations = 4
-fresh = 8
-""",
-        encoding="utf-8",
-    )
-    command = [
-        "optimize",
-        str(search),
-        "--workers",
-        "1",
-        "--no-pictures",
-        "--trust",
-        "--out",
-        str(files / "found"),
-    ]
-    assert "Best: " in output_of(capsys, *command)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        (
-            "None if left == right else int(left > right)",
-            "7",
-            "line 14, in truth: returned 7; return 0, 1 or None",
-        ),
-        ("left, right =", "left, right, more =", "line 15, in truth: ValueError"),
-        ("def truth(floor, asked, p):", "def truth(floor, p):", "line 14, in truth: TypeError"),
-        ("truth=truth", "truth=lambda floor, asked: 1", "line 19, in <lambda>: TypeError"),
-        ("truth=truth", "truth=partial(truth, asked=None)", "task 'halves', truth: TypeError"),
-        ("truth=truth", "truth=partial(int)", "task 'halves', truth: TypeError"),
-        ("truth=truth", "truth=partial(lambda *_: 7)", "task 'halves', truth: returned 7"),
-        ("truth=truth", "truth=truth, check=lambda *_: 1 / 0", "line 19, in <lambda>: ZeroDivisionError"),
-        (
-            "truth=truth",
-            "truth=truth, check=lambda *_: False",
-            "halves.check: returned False; raise InputError",
-        ),
-        ("params=Params", "params=Params()", "is not a class; give the class itself"),
-    ],
-)
-def test_a_task_that_is_wrong(
-    old: str, new: str, words: str, files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file, out = files / "halves.py", files / "out"
-    text = HALVES.replace(old, new).replace(
-        "from typing import", "from functools import partial; from typing import"
-    )
-    file.write_text(text, encoding="utf-8")
-    # Declarations that are wrong are bad input; code that fails is a failure.
-    code = 2 if words.startswith(("halves.check", "is not a class")) else 1
-    assert main(["run", "--task", f"{file}:halves", *SHORT, "--out", str(out)]) == code
-    assert words in capsys.readouterr().err
-    assert not out.exists()
-
-
-def test_what_a_file_prints_goes_to_stderr(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = "print('loaded')\n" + HALVES.replace("    left, right =", "    print('asked')\n    left, right =")
-    (files / "halves.py").write_text(text, encoding="utf-8")
-    assert main(["run", "--task", f"{files / 'halves.py'}:halves", *SHORT, "--json"]) == 0
-    shown = capsys.readouterr()
-    assert json.loads(shown.out)["answer"]
-    assert shown.err.splitlines()[:2] == ["loaded", "asked"]
-
-
-@pytest.mark.parametrize("draw", ["random()", "chance.random()"])
-def test_a_task_that_draws_is_refused(draw: str, files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = "import random as chance\nfrom random import random\n" + HALVES
-    text = text.replace("None if left == right else int(left > right)", f"int({draw} > 0.5)")
-    (files / "halves.py").write_text(text, encoding="utf-8")
-    assert "in truth: draws random numbers of its own" in refusal_of(
-        capsys, "run", "--task", f"{files / 'halves.py'}:halves", *SHORT
-    )
-
-
 @pytest.mark.slow
 def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     motion, out = f"{files / 'standing.py'}:standing", files / "out"
@@ -278,58 +187,3 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert main([*again, "--trust", "--executor", "processes", "--workers", "1"]) == 0
     manifest = json.loads((study / "vibroswarm.json").read_text(encoding="utf-8"))
     assert manifest["kind"] == "study"
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("0.1 + 0.1 * i", "0.9 + 0.1 * i", "column 'x_m' leaves the arena"),
-        ("(k + 1) * 10.0", "(k + 3) * 10.0", "has times of 30 to 110 s"),
-        ('"drive_s": 0.0, ', "", "column 'drive_s' lacks a value in row 0"),
-        ('"drive_s": 0.0, ', '"drive_s": float("nan"), ', "samples: column 'drive_s' holds nan in row 0"),
-        ("return Motion(table, ends)", "return table", "gives DataFrame, not Motion"),
-        ("return Motion(table, ends)", 'return Motion(table.drop("x_m"), ends)', "samples': 'x_m' is missing"),
-        ("self.tick = max", "self.ticks = max", "its time_s is 0"),
-        ("every, robots =", "every, robots, more =", "line 21, in advance: ValueError"),
-        ("return Motion(table, ends)", "return Motion(table.reverse(), ends)", "is not sorted"),
-        ("return Motion(table, ends)", "return Motion(table, ends[1:])", "exactly one row for each of the 5 robots"),
-    ],
-)  # fmt: skip
-def test_motion_that_is_wrong_is_refused(
-    old: str, new: str, words: str, files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file, out = files / "standing.py", files / "out"
-    assert old in STANDING
-    file.write_text(STANDING.replace(old, new), encoding="utf-8")
-    assert main(["run", "--motion", f"{file}:standing", *SHORT, "--out", str(out)]) == 1
-    assert words in capsys.readouterr().err
-    assert not out.exists()
-
-
-def test_motion_cannot_be_steered_if_it_says_so(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    avoider = Path(__file__).parents[2] / "examples" / "strategies" / "avoider.py"
-    command = ["run", "--motion", f"{files / 'standing.py'}:standing", "--strategy", f"{avoider}:avoider"]
-    assert "cannot be steered" in refusal_of(capsys, *command)
-
-
-@pytest.mark.parametrize("given", ["[0.5, 2]", "[]"])
-def test_a_parameter_that_is_a_list_is_set(tmp_path: Path, given: str) -> None:
-    """As docs/own-strategy.md declares one: with no further word to Pydantic."""
-    path = tmp_path / "slow_list.py"
-    path.write_text(
-        "from vibroswarm.networks import Network\nclass Params:\n    waits: tuple[float, ...] = (1.0,)\n"
-        "def send(n, a, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w):\n"
-        "    for j in range(w.robots):\n        if j != sender:\n"
-        "            arrival_tick[j] = tick + 1 + int(a.waits.sum())\n"
-        'slow_list = Network("slow_list", send=send, params=Params)\n',
-        encoding="utf-8",
-    )
-    network = ["--network", f"{path}:slow_list", "--set", f"network.slow_list.waits={given}"]
-    assert main(["run", *network, "--set", "run.t_end_s=20", "--json"]) == 0
-
-
-@pytest.mark.parametrize("folder", ["elsewhere", "day 2: noon"])
-def test_lines_of_another_file_of_the_same_name_are_not_named(folder: str) -> None:
-    file = f"/{folder}/{Path(__file__).name}"
-    with pytest.raises(CodeError, match=f"^{file}: ValueError: no$"), errors_in(f"{file}:init"):
-        raise ValueError("no")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from helpers.study_pictures import keep_first_picture
 from vibroswarm.cli import main
-from vibroswarm.show import page, page_origin
+from vibroswarm.show import page
 
 OPTIONS = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--robots", "2",
            "--strategy", "none,soft", "--runs", "20", "--quiet"]  # fmt: skip
@@ -46,29 +46,3 @@ def test_a_page_that_shows_the_same_is_not_drawn_again(evaluated, monkeypatch):
     monkeypatch.setattr(page, "page_html", lambda document: pytest.fail("the page was made again"))
     assert not is_drawn_again(evaluated)
     assert (evaluated / "report.html").read_bytes() == before
-
-
-def changed_letter(out: Path) -> None:
-    report = out / "report.html"
-    report.write_bytes(report.read_bytes().replace(b"swarms", b"Swarms", 1))
-
-
-def without_references(out: Path) -> None:
-    (out / "references.csv").unlink()
-
-
-@pytest.mark.parametrize("damage", [changed_letter, without_references])
-def test_what_is_damaged_is_made_again(evaluated: Path, damage: Callable[[Path], None]) -> None:
-    files = [evaluated / name for name in ("report.html", "references.csv", "references.parquet")]
-    before = [file.read_bytes() for file in files]
-    damage(evaluated)
-    assert is_drawn_again(evaluated)
-    assert [file.read_bytes() for file in files] == before
-
-
-def test_another_program_other_runs_and_requested_pictures_draw_it_again(evaluated, monkeypatch):
-    with monkeypatch.context() as patched:
-        patched.setattr(page_origin, "program", lambda: "another version")
-        assert is_drawn_again(evaluated)
-    assert is_drawn_again(evaluated, "--no-confirm")
-    assert is_drawn_again(evaluated, "--pictures")

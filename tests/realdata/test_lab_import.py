@@ -5,21 +5,13 @@ They stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import numpy as np
 import polars as pl
 import pytest
 
 from vibroswarm.analysis.sampling import lag_one, packet_loss, walk_figures
 from vibroswarm.analysis.verdict import verdict
-from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
-from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.run_page.write import record_of
-from vibroswarm.scenario.scenario import preset
 
 
 def test_all_is_read_and_told(real: Recording) -> None:
@@ -55,13 +47,6 @@ def test_what_the_simulator_ran_with(simulated: Recording) -> None:
     assert found["sample.sample_interval_ms"]["value"] == 2000
     assert found["sample.timer"]["value"] == "reset_after_turn"
     assert [one["told"]["rows_repeated"] for one in simulated.sessions] == [5, 5, 5]
-
-
-def test_a_floor_that_is_mirrored_is_refused(real: Recording, recordings: Path) -> None:
-    mirrored = Floor.filling(np.flipud(real.floor().tiles), name="mirrored")
-    log = read_log(recordings / "CAL_1.csv")
-    with pytest.raises(InputError, match="Mirrored top to bottom it fits"):
-        recording_of([log], mirrored, preset("paper"))
 
 
 def test_a_real_session_is_a_result_like_any(real: Recording) -> None:

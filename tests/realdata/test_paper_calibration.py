@@ -53,10 +53,3 @@ def test_a_session_that_no_fit_has_seen_is_predicted(recordings: Path, tmp_path:
     lost = turned["unseen-similarity"].cells.filter(pl.col("holds") == "fails")["cell"].to_list()
     assert {f"distance and angle, session {session}" for session in (2, 3)} <= set(lost)
     assert all(cell.startswith(("distance and angle", "avoidance time")) for cell in lost)
-
-
-def test_without_its_preset_or_the_recordings_it_is_skipped(recordings: Path) -> None:
-    (item,) = items_named(["unseen-session"])
-    assert "calibrated" in str(item.skipped(Settings(columns=("paper",), recordings=recordings)))
-    assert "--recordings" in str(item.skipped(Settings(columns=("calibrated",))))
-    assert item.skipped(Settings(columns=("calibrated",), recordings=recordings)) is None

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.tracking.camera import fit_camera, square_of
 from vibroswarm.tracking.marker_detection import _Detector, detect
-from vibroswarm.tracking.markers import Markers, usual_markers
-from vibroswarm.tracking.picture_quality import why_none
+from vibroswarm.tracking.markers import Markers
 from vibroswarm.tracking.video_file import frames_of
 
 cv2 = pytest.importorskip("cv2")
@@ -42,12 +41,6 @@ def test_in_a_handheld_video_no_fewer_are_found_than_by_the_detector_alone() -> 
     assert alone.mean(axis=0) == pytest.approx([0.959, 0.986, 0.984, 0.710, 0.777, 0.966], abs=0.01)
     assert not (alone & ~found).any()
     assert (found.mean(axis=0) > alone.mean(axis=0)).all()
-
-
-def test_a_photograph_of_another_dictionary_is_recognised() -> None:
-    picture = cv2.imread(str(FOLDER / "photograph-6x6.jpg"), cv2.IMREAD_GRAYSCALE)
-    said = why_none([picture], usual_markers(5, 1.0, 1.0))
-    assert said == "its markers are of the dictionary 6X6_250 (23, 40, 62, 98, 124, 203)"
 
 
 def corners_in(name: str) -> tuple[tuple[int, ...], dict[int, Floats]]:

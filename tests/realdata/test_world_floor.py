@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from vibroswarm.errors import InputError
 from vibroswarm.floors.difficulty import measure
 from vibroswarm.floors.io import read_tiles
 from vibroswarm.floors.source import resolve
@@ -24,10 +23,3 @@ def test_the_world_of_the_real_robots(world):
     found = measure(tiles)
     assert (found.ones, found.fill_ratio, found.clusters) == (12, 0.48, 7)
     assert resolve(str(world), (5, 5))[1] == "world.txt"
-
-
-def test_it_needs_its_size(world):
-    with pytest.raises(InputError, match="list of coordinates, which does not say how many tiles"):
-        read_tiles(world)
-    with pytest.raises(InputError, match="line 7: column 4 is not on a floor of 5 x 4 tiles"):
-        read_tiles(world, (5, 4))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from helpers.commands import json_of, refusal_of
 from vibroswarm.calibrate.effect import effects
-from vibroswarm.documents.calibration import effect_document
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study
@@ -56,24 +54,6 @@ def test_the_figures_of_a_scenario_are_those_of_a_study_of_it() -> None:
         assert one.figures[0][figure] == getattr(cell.summary, figure)
 
 
-def test_where_a_number_is_asked_for_its_estimates_are_compared() -> None:
-    """Right and wrong stood as dashes, each of them with 'no significant difference'."""
-    asked = EASY.with_values({"task.name": "share", "run.t_end_s": 120.0})
-    (one,) = effects(asked, asked.with_values({"swarm.robots": 1}), runs=6, strategies=("none",))
-    (cell,) = outcome_of(Study.of_scenarios({"asked": asked}, 6, 1).run()).cells
-    assert one.figures[0]["estimate_error"] == cell.summary.figures["estimate_error"]
-    document = effect_document(one)
-    assert document.answer[0].startswith("none: error of the estimate second - first ")
-    assert "-" not in document.tables["differences"].frame["difference"].to_list()
-    with pytest.raises(InputError, match="decisions cannot be compared with estimates of a number"):
-        effects(EASY.with_values({"run.t_end_s": 120.0}), asked, runs=6)
-
-
-def test_no_runs_are_refused() -> None:
-    with pytest.raises(InputError, match="runs: 0 is wrong"):
-        effects(EASY, EASY, runs=0)
-
-
 def test_a_field_that_only_one_scenario_has_is_no_obstacle() -> None:
     rows = ("00", "01")
     tiles = EASY.with_values({"floor.source": "corner", "floor.tiles": rows, "run.t_end_s": 60.0})
@@ -90,11 +70,3 @@ def test_scenarios_that_end_at_different_times_are_refused() -> None:
         effects(EASY, longer, runs=1, strategies=("none",), progress=reported.append)
     assert refused.value.field == "run.t_end_s"
     assert reported == []  # nothing was simulated
-
-
-def test_the_command_tells_it(capsys) -> None:
-    settings = ["--set", "run.t_end_s=200.0", "--runs", "2", "--json"]
-    told = json_of(capsys, "calibrate", "effect", "paper", "calibrated", *settings)
-    strategies = [one["strategy"] for one in told["tables"]["figures"][::2]]
-    assert strategies == ["none", "positive", "soft"]
-    assert "is not from 2 to" in refusal_of(capsys, "calibrate", "effect", "--runs", "1")

@@ -18,10 +18,9 @@ from vibroswarm.calibrate import fit_rays as rays_module
 from vibroswarm.calibrate import fit_sensor as sensor_module
 from vibroswarm.calibrate import wall_approach
 from vibroswarm.calibrate.camera import RIGHT, Camera
-from vibroswarm.calibrate.cross_validation import Fold, Reading, Score, on_floor, readings_of
+from vibroswarm.calibrate.cross_validation import on_floor, readings_of
 from vibroswarm.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
 from vibroswarm.calibrate.drive import course_of, line_of
-from vibroswarm.calibrate.features import FEATURES
 from vibroswarm.calibrate.few_groups import limits_of, limits_of_bootstrap
 from vibroswarm.calibrate.fit import FITS, avoidance_beyond, fit_loss, stop_of
 from vibroswarm.calibrate.fit_avoidance import (
@@ -38,7 +37,6 @@ from vibroswarm.calibrate.fit_drive import WITHIN, _drawn_laws, _slow_share, fit
 from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import DRAWS, SCALED, SPREADS, _Between, fit_sensor
 from vibroswarm.cli import calibrate as command
-from vibroswarm.documents.fit import readings_table
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
@@ -365,11 +363,6 @@ def test_sessions_taken_apart_keep_their_numbers(found: Dataset) -> None:
     assert pl.Series(found.samples["run"].unique().sort()).to_list() == list(range(8))
 
 
-def test_nothing_to_fit() -> None:
-    with pytest.raises(InputError, match="nothing to fit"):
-        dataset_of([])
-
-
 @pytest.mark.parametrize(("share", "missing"), [("1.0", "still"), ("0.0", "vibrating")])
 def test_floors_with_one_kind_of_tile_are_refused(share: str, missing: str) -> None:
     scenario = preset("paper").with_values({"floor.source": f"random:{share}", "run.t_end_s": 30.0})
@@ -382,23 +375,6 @@ def test_floors_with_one_kind_of_tile_are_refused(share: str, missing: str) -> N
 
 def test_the_command_tries_as_many_candidates_as_the_function() -> None:
     assert command.CANDIDATES == CANDIDATES
-
-
-def test_a_statistic_that_the_first_session_lacks_is_printed() -> None:
-    scores = tuple(Score(feature, 1, *[0.5] * 6) for feature in FEATURES)
-    bits, edge = (
-        Reading("share of ones", 0.5, 0.4, 0.1),
-        Reading("false negative, 0 to 10 mm", 0.3, 0.2, 0.05),
-    )
-
-    def fold(session: int, *readings: Reading) -> Fold:
-        return Fold(session, None, scores, readings, 0.5, float("nan"))  # type: ignore[arg-type]
-
-    rows = readings_table([fold(0, bits), fold(1, edge, bits)]).frame.rows()
-    assert set(rows) == {
-        ("share of ones", "0.500", "0.400", "+1.0, +1.0"),
-        ("false negative, 0 to 10 mm", "0.300", "0.200", "-, +2.0"),  # the first session has no value
-    }
 
 
 @pytest.fixture(scope="module")

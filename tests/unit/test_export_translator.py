@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import runpy
 import shutil
 import subprocess
 from dataclasses import replace
@@ -42,8 +41,6 @@ from vibroswarm.export.plain_program import zero
 from vibroswarm.export.source import plain
 from vibroswarm.strategies import strategy as strategy_of
 
-NUMBERS: tuple[str, ...] = ("one", "two")
-
 
 class Pair(NamedTuple):
     first: float
@@ -64,170 +61,13 @@ def program() -> Program:
     return Program({Pair: PAIR, Fields: FIELDS}, {}, {}, {}, "no template", {})
 
 
-def a_list(x: float) -> float:
-    both = [x, x]
-    return both[0]
-
-
-def a_text(x: float) -> float:
-    return float(NUMBERS[0] == "one")
-
-
-def a_lambda(x: float) -> float:
-    return (lambda y: y)(x)
-
-
-def a_try(x: float) -> float:
-    try:
-        return 1.0 / x
-    except ZeroDivisionError:
-        return 0.0
-
-
-def a_comprehension(x: float) -> float:
-    return sum(x for _ in range(3))
-
-
-def itself(x: float) -> float:
-    return itself(x - 1.0)
-
-
-def unknown_math(x: float) -> float:
-    return math.gamma(x)
-
-
-def after_the_loop(x: float) -> float:
-    total = x
-    for k in range(3):
-        total += k
-    return total + k
-
-
-def before_the_loop(x: float) -> float:
-    k = 0
-    for k in range(3):
-        x += k
-    return x
-
-
-def among_others_before_the_loop(x: float) -> float:
-    k, y = 0, x
-    for k in range(3):
-        y += k
-    return y
-
-
-def an_argument_as_variable(x: float) -> float:
-    total = 0.0
-    for x in range(3):  # type: ignore[assignment]
-        total += x
-    return total
-
-
-def root_of_a_negative_number(x: float) -> float:
-    return x * math.sqrt(-2.0)
-
-
-def changed_in_the_loop(x: float) -> float:
-    for k in range(3):
-        k += 1
-    return x
-
-
-def two_kinds(x: float) -> float:
-    y = x
-    y = Pair(x, 1)
-    return y.first
-
-
-def beyond(row: Any) -> float:
-    return float(row.values[3])
-
-
-def no_such_field(row: Any) -> float:
-    return float(row.median)
-
-
 def add_one(row: Any) -> float:
     row.mean += 1.0
     return float(row.mean)
 
 
-def in_any_order(row: Any) -> float:
-    return add_one(row) - 2.0 * add_one(row)
-
-
-def beside_a_field(row: Any) -> float:
-    return float(row.mean) * add_one(row)
-
-
 def read_mean(row: Any) -> float:
     return float(row.mean)
-
-
-def beside_a_reader(row: Any) -> float:
-    return read_mean(row) + add_one(row)
-
-
-def added_to_a_field(row: Any) -> float:
-    row.mean += add_one(row)
-    return float(row.mean)
-
-
-def change_count(row: Any) -> float:
-    row.count += 1
-    return 0.5
-
-
-def at_an_index(row: Any) -> float:
-    row.values[row.count] = change_count(row)
-    return float(row.mean)
-
-
-def changed_by_an_index(row: Any) -> float:
-    row.values[int(change_count(row))] = 1.0
-    return float(row.mean)
-
-
-def number_as_test(x: float) -> float:
-    return 1.0 if x else 0.0
-
-
-def fractions_in_a_loop(x: float) -> float:
-    for k in (0.5, 1.5):
-        x += k
-    return x
-
-
-def variables_in_a_loop(n: int) -> int:
-    for k in (0, n):
-        n += k
-    return n
-
-
-def without_a_value(x: float) -> float:
-    if x > 0.0:
-        return x
-    return  # type: ignore[return-value]
-
-
-def first_without_a_value(x: float) -> float:
-    if x > 0.0:
-        return  # type: ignore[return-value]
-    return x
-
-
-def divided_by_zero(x: float) -> float:
-    return x + 1 / 0
-
-
-def complex_power(x: float) -> float:
-    return float(x + (-1.0) ** 0.5)
-
-
-def construct_in_any_order(row: Any) -> float:
-    pair = Pair(add_one(row), int(add_one(row)))
-    return pair.first
 
 
 class Fields:
@@ -236,118 +76,6 @@ class Fields:
 
 
 FIELDS = struct_of_class("vs_Fields", Fields, mutable=True)
-
-
-def construct_with_fields(x: float) -> float:
-    fields = Fields(1, x)  # type: ignore[call-arg]
-    return fields.mean
-
-
-def with_a_default(x: float, k: int = 2) -> float:
-    return x * k
-
-
-def with_a_keyword(x: float, *, k: int) -> float:
-    return x * k
-
-
-def before_a_slash(x: float, /) -> float:
-    return x
-
-
-def pair_of(x: float) -> Pair:
-    return Pair(x, 1)
-
-
-def first_of(pair: Pair) -> float:
-    return pair.first
-
-
-def a_row_after_and(x: float) -> float:
-    return 1.0 if x > 0.0 and first_of(pair_of(x)) > 1.0 else 0.0
-
-
-def a_row_in_a_choice(x: float) -> float:
-    return first_of(pair_of(x)) if x > 0.0 else 0.0
-
-
-def a_row_in_the_condition_of_a_loop(x: float) -> float:
-    while first_of(pair_of(x)) > 1.0:
-        x -= 1.0
-    return x
-
-
-def a_fraction_as_count(row: Any) -> float:
-    row.count = row.mean
-    return float(row.mean)
-
-
-A_LIST, AN_ARRAY = [1.0], np.zeros(3)
-
-
-def from_a_list(k: int) -> float:
-    return A_LIST[k]
-
-
-def from_an_array(k: int) -> float:
-    return float(AN_ARRAY[k])
-
-
-@pytest.mark.parametrize(
-    ("function", "kind", "line", "said"),
-    [
-        (a_list, REAL, 1, "List '[x, x]'"),
-        (a_text, REAL, 1, "the name 'NUMBERS'"),
-        (a_lambda, REAL, 1, "the call '(lambda y: y)(x)'"),
-        (a_try, REAL, 1, "the statement 'try:'"),
-        (a_comprehension, REAL, 1, "the call of 'sum'"),
-        (itself, REAL, 1, "itself calls itself"),
-        (unknown_math, REAL, 1, "math.gamma"),
-        (after_the_loop, REAL, 4, "the variable 'k' of a loop is read after it"),
-        (before_the_loop, REAL, 1, "the variable 'k' of a loop is also assigned outside of it"),
-        (among_others_before_the_loop, REAL, 1, "the variable 'k' of a loop is also assigned outside of it"),
-        (an_argument_as_variable, REAL, 2, "the variable 'x' of a loop is also an argument"),
-        (root_of_a_negative_number, REAL, 1, "the root of -2.0, which is negative"),
-        (changed_in_the_loop, REAL, 1, "the variable 'k' of a loop is changed in it"),
-        (two_kinds, REAL, 2, "'y' is given values of several kinds"),
-        (beyond, ROW, 1, "the index 3 of an array of 3"),
-        (no_such_field, ROW, 1, "the field 'median'"),
-        (in_any_order, ROW, 1, "two calls that may change a row"),
-        (beside_a_field, ROW, 1, "a call that may change a row beside a field"),
-        (beside_a_reader, ROW, 1, "a call that may change a row beside one that may read it"),
-        (added_to_a_field, ROW, 1, "a call that may change a row beside a field"),
-        (at_an_index, ROW, 1, "a call that may change a row beside an index that may read one"),
-        (changed_by_an_index, ROW, 1, "a call that may change a row, in the index of"),
-        (number_as_test, REAL, 1, "'x' is not a comparison"),
-        (fractions_in_a_loop, REAL, 1, "'0.5' in a loop is not a constant whole number"),
-        (variables_in_a_loop, INT, 1, "'n' in a loop is not a constant whole number"),
-        (without_a_value, REAL, 3, "a 'return' without a value, beside one with a value"),
-        (first_without_a_value, REAL, 3, "returns 'x'"),
-        (divided_by_zero, REAL, 1, "constants without a result (division by zero)"),
-        (complex_power, REAL, 1, "constants whose result is not a number"),
-        (construct_in_any_order, ROW, 1, "two calls that may change a row"),
-        (construct_with_fields, REAL, 1, "'Fields(1, x)': such a row is constructed without arguments"),
-        (with_a_default, REAL, 0, "arguments with defaults or stars, in with_a_default"),
-        (with_a_keyword, REAL, 0, "arguments with defaults or stars, in with_a_keyword"),
-        (before_a_slash, REAL, 0, "arguments before a slash, in before_a_slash"),
-        (a_row_after_and, REAL, 1, "a row that a function returns, after 'and' or 'or'"),
-        (a_row_in_a_choice, REAL, 1, "a row that a function returns, in a choice"),
-        (
-            a_row_in_the_condition_of_a_loop,
-            REAL,
-            1,
-            "a row that a function returns, in the condition of a loop",
-        ),
-        (a_fraction_as_count, ROW, 1, "'row.count', a whole number, is given a fraction"),
-        (from_a_list, INT, 1, "the name 'A_LIST'"),
-        (from_an_array, INT, 1, "the name 'AN_ARRAY'"),
-    ],
-)
-def test_what_is_not_known_is_refused_with_its_line(function: Any, kind: Any, line: int, said: str) -> None:
-    with pytest.raises(InputError) as error:
-        program().function(function, [kind])
-    where = f"test_export_translator.py, line {function.__code__.co_firstlineno + line}"
-    assert f"{where}: {said}" in str(error.value)
 
 
 def integers(a: int, b: int) -> tuple[int, int, int, int, int]:
@@ -553,13 +281,6 @@ def test_several_values_are_computed_before_the_first_is_assigned(function: Any,
     assert [float(word) for word in done.stdout.split()] == [row.mean, other.mean]
 
 
-def counted(row: Any, at: Any, x: float) -> Any:
-    tally = row
-    if at.count < x:  # a whole number and another
-        tally.count = (at.count + 1) * 2
-    return at.count, (x + at.count) / 2.0
-
-
 def without(x: float) -> float:
     return 1.0
 
@@ -580,14 +301,6 @@ def test_constants_keep_their_precision_where_memory_is_shorter() -> None:
         assert kind.type_of("seen_hz") == CArray(element, (2,))
 
 
-def test_only_what_is_changed_takes_no_constant_and_conversions_are_written() -> None:
-    text = program().function(counted, [ROW, ROW, REAL]).text
-    assert "counted(vs_Row *row, const vs_Row *at, vs_real x)" in text
-    assert "if (((vs_real)at->count) < x) {" in text
-    assert "row->count = (at->count + 1) * 2;" in text
-    assert "{at->count, (x + ((vs_real)at->count)) / VS_R(2.0)}" in text
-
-
 def test_a_field_called_unused_is_a_field() -> None:
     """Structs without fields get one of this name in C, which is set to 0."""
     assert initial("PARAMS", struct_of_row("vs_Params", {"unused": float})) == [".unused = VS_PARAMS_UNUSED"]
@@ -603,39 +316,12 @@ def test_names_of_c_are_avoided() -> None:
     assert "log_ = vs_log(short__);" in made.text  # whose ``log`` is the C library's
 
 
-def test_fields_with_names_of_c_are_renamed_everywhere() -> None:
-    """In the struct, in constants, and where they are read."""
-    row = Struct(
-        "vs_Words", None, (("short", INT), ("I", REAL), ("default", CArray(REAL, (2,))), ("new", INT)), True
-    )
-    assert [line.strip() for line in typedef(row).splitlines()[1:-1]] == [
-        "vs_int short_;", "vs_real I_;", "vs_real default_[2];", "vs_int new_;",
-    ]  # fmt: skip
-    params = struct_of_row("vs_Params", {"register": float})
-    assert initial("PARAMS", params) == [".register_ = VS_PARAMS_REGISTER"]
-    text = program().function(words_of_c, [row]).text
-    assert "row->short_" in text
-    assert "row->default_[0]" in text
-
-
-def words_of_c(row: Any) -> float:
-    return float(row.short + row.default[0])
-
-
 def with_keywords(x: float) -> float:
     double = 2.0 * x
     short = double
     short_ = short + x
     log = math.log(short_)
     return log
-
-
-def test_files_of_users_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "mine.py"
-    path.write_text("def on_sample(x):\n    y = x\n    return {1: y}\n")
-    on_sample = runpy.run_path(str(path), run_name="mine")["on_sample"]
-    with pytest.raises(InputError, match=r"mine\.py, line 3: Dict '\{1: y\}', in on_sample"):
-        program().function(on_sample, [REAL])
 
 
 def test_a_variant_that_several_options_select_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

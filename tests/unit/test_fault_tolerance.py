@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import CONSENSUS
 from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -44,15 +42,6 @@ def test_judged_tables_are_those_of_a_swarm_of_the_robots_judged() -> None:
     assert (runs["undecided"] <= result.runs["undecided"].gather(runs["run"].to_list())).all()
 
 
-def test_where_all_fail_nobody_is_judged() -> None:
-    scenario = Scenario().with_values(QUICK)
-    table = fault_curve(scenario, "stopped", [0.0, 1.0], 1, 4)
-    assert table["runs"].to_list() == [4, 0]
-    assert table["wrong"].is_null().to_list() == [False, True]
-    of_all = fault_curve(scenario, "stopped", [1.0], 1, 4, judged="all")
-    assert of_all["undecided"].to_list() == [1.0]
-
-
 @pytest.mark.parametrize("strategy", ["none", "soft"])
 def test_one_sensor_stuck_at_1_decides_for_all(strategy: str) -> None:
     """Measured: at f = 0.48 all are wrong, at 0.52 none; without it some are wrong, some right, on both."""
@@ -64,26 +53,3 @@ def test_one_sensor_stuck_at_1_decides_for_all(strategy: str) -> None:
             assert table["wrong"][1] == wrong
             assert table["right"][1] == 1.0 - wrong
             assert 0.0 < table["right"][0] < 1.0
-
-
-@pytest.mark.parametrize("kind", ["opposite", "stopped"])
-def test_a_curve_is_that_of_runs_one_by_one(kind: str) -> None:
-    scenario = Scenario().with_values(QUICK)
-    table = fault_curve(scenario, kind, [0.2, 0.4], 2, 2, judged="all")
-    for row in table.to_dicts():
-        runs = simulate(scenario.with_values({f"faults.{kind}": row["share"]}), 2, 2).runs
-        assert row["wrong"] * 10 == pytest.approx(runs["wrong"].sum())
-        assert row["undecided"] * 10 == pytest.approx(runs["undecided"].sum())
-        assert row["wrong_low"] <= row["wrong"] <= row["wrong_high"]
-    assert np.isfinite(table["wrong_low"].to_numpy()).all()
-
-
-def test_wrong_arguments_are_refused() -> None:
-    with pytest.raises(InputError, match="stuck_at_1"):
-        fault_curve(Scenario(), "stuck_at_2", [0.1])
-    with pytest.raises(InputError, match="whole swarm"):
-        fault_curve(Scenario(), "stuck_at_1", [1.2])
-    with pytest.raises(InputError, match="at least one share"):
-        fault_curve(Scenario(), "stuck_at_1", [])
-    with pytest.raises(InputError, match="working"):
-        fault_curve(Scenario(), "stuck_at_1", [0.1], judged="some")  # type: ignore[arg-type]

@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vibroswarm.errors import InputError
 from vibroswarm.floors.source import FAMILIES, NAMES, canonical, kinds_listed, pattern
 
 ONES = {
@@ -90,21 +89,6 @@ def test_other_ways_to_write_a_name(written, name):
     assert canonical(written) == name
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("diagonal", "needs a fill ratio; give diagonal:0.48 or diagonal:0.46"),
-        ("diagonal:0.5", "has no fill ratio '0.5'"),
-        ("diagonal:nan", "has no fill ratio 'nan'"),
-        ("diagnal:0.48", "did you mean 'diagonal:0.48'"),
-        ("", "is not a pattern"),
-    ],
-)
-def test_an_unknown_name_says_what_there_is(name, message):
-    with pytest.raises(InputError, match=message):
-        pattern(name)
-
-
 def test_a_pattern_may_be_changed_without_changing_the_next():
     first = pattern("stripe:0.48")
     first[:] = 0
@@ -123,16 +107,3 @@ def test_patterns_take_shares_of_kinds(name):
     assert kinds_listed(f"{name}:0.34,0.33,0.33") == 3
     assert kinds_listed("random:0.5,0.5") == 2
     assert all(kinds_listed(other) is None for other in (f"{name}:0.48", "random:0.48", "hill:0.3,0.6,0.2"))
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("block-diagonal:0.4,0.3,0.3", "has two kinds of tile; stripe, diagonal, alternating and random"),
-        ("stripe:0.4,0.3,0.2", "sum to 0.9"),
-        ("stripe:0.4,0.355,0.245", "0.355 of 10 x 10 tiles is 35.5 tiles"),
-    ],
-)
-def test_shares_that_a_pattern_cannot_have_are_refused(name, message):
-    with pytest.raises(InputError, match=message):
-        pattern(name)

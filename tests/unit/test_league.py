@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,36 +14,27 @@ from hypothesis import strategies as st
 from helpers.commands import json_of, output_of, refusal_of
 from helpers.forked import FORKED
 from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.forced_error import front_of, on_line
+from vibroswarm.analysis.forced_error import front_of
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import forced_errors
 from vibroswarm.league.entries import (
     FILLS,
-    FOR_CHANGES,
-    GUESSING,
     PATTERNS,
     SIZE,
     default_strategies,
     entries_of,
     floors_of,
-    frozen_settings,
-    main_entries,
     read_settings,
     varied_by,
 )
 from vibroswarm.league.fronts import NOT, OPEN, REACHES, front_table
 from vibroswarm.league.standings import League, Standings
-from vibroswarm.league.words import players_of
 from vibroswarm.scenario.scenario import preset
-from vibroswarm.strategies import known
 from vibroswarm.study import executors
-from vibroswarm.study.scenario_words import ScenarioWords
-from vibroswarm.study.words import detection_scenario
 
 pytestmark = pytest.mark.usefixtures("without_layout")
 
-PAGE = Path(__file__).parents[2] / "docs" / "league.md"
 BASE = preset("paper").with_values({"decision.min_observations": 40, "run.t_end_s": 400.0})
 GUESSES = '''"""Strategies that read nothing."""
 from vibroswarm.strategies import strategy_in, u
@@ -126,26 +115,10 @@ def test_a_front_is_what_no_other_point_beats(points: list[tuple[float, float]])
     assert set(zip(x.tolist(), y.tolist(), strict=True)) == best
 
 
-def test_a_line_has_no_value_beyond_its_ends() -> None:
-    x, y = np.array([1.0, 3.0]), np.array([10.0, 20.0])
-    assert on_line(2.0, x, y) == 15.0
-    assert [math.isnan(on_line(value, x, y)) for value in (0.9, 1.0, 3.0, 3.1)] == [True, False, False, True]
-
-
 @pytest.fixture(scope="module")
 def standings() -> Standings:
     entries = varied_by(entries_of(["none", "soft"], {}), "none:decision.credible_threshold=0.8,0.99")
     return League(BASE, entries, floors_of(["random", "stripe"], [0.48]), (4, 6), runs=12, seed=3).play()
-
-
-def test_a_strategy_that_is_not_varied_is_refused_with_each_choice_once() -> None:
-    entries = entries_of(["none", "soft"], {"none": [{"forced_error": 0.1}, {"forced_error": 0.2}]})
-    with pytest.raises(InputError, match=r"\(choices: none, soft\)"):
-        varied_by(entries, "positive:decision.credible_threshold=0.8")
-
-
-def test_tuning_without_points_is_refused_by_the_option(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "--points: 0 is" in refusal_of(capsys, "league", "tune", "--strategy", "none", "--points", "0")
 
 
 def test_standings_are_as_computed_robot_by_robot(standings: Standings) -> None:
@@ -247,28 +220,6 @@ def test_fronts(standings: Standings) -> None:
     assert front_table(standings).equals(table)
 
 
-def test_a_strategy_stands_for_itself_with_the_setting_of_the_middle_aim() -> None:
-    tables = {"none": [{"forced_error": aim} for aim in (0.1312, 0.14, 0.19, 0.2)], "mcp": [{"forced_error": 0.3}],
-              "soft": {"strategy.soft.eta": 7.0}, "totals": [{}, {"strategy.totals.threshold": 2.0}]}  # fmt: skip
-    entries = entries_of(list(tables), tables)
-    assert [entry.label for entry in entries] == [
-        "none 13.1 %", "none 14.0 %", "none 19.0 %", "none 20.0 %", "mcp 30.0 %", "soft", "totals 1", "totals 2",
-    ]  # fmt: skip
-    assert [entry.label for entry in main_entries(entries)] == [
-        "none 14.0 %", "mcp 30.0 %", "soft", "totals 1", "totals 2",
-    ]  # fmt: skip
-    assert [entry.label for entry in main_entries(entries, error=0.0)][:2] == ["none 13.1 %", "mcp 30.0 %"]
-    assert all("forced_error" not in entry.settings for entry in entries)
-    with pytest.raises(InputError, match="forced_error"):
-        entries_of(["none"], {"none": [{"forced_error": 0.7}]})
-
-
-def test_standings_without_a_figure_are_shown_with_a_dash(standings: Standings) -> None:
-    unknown = {name: np.full_like(values, np.nan) for name, values in standings.values.items()}
-    dashes = standings._repr_html_().count(">-<")  # of the reference, which differs from nothing
-    assert replace(standings, values=unknown)._repr_html_().count(">-<") > dashes
-
-
 SMALL = [
     *("--runs", "4", "--patterns", "stripe", "--fills", "0.48", "--robots", "4"),
     *("--strategy", "none,soft"),
@@ -300,103 +251,6 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
     document = json_of(capsys, *line, "--json", "--workers", "1")
     assert {row["name"] for row in document["tables"]["standings"]} == {"none", "soft"}
     assert {file.name: file.read_bytes() for file in folder.glob("*.csv")} == kept
-
-
-@pytest.mark.usefixtures("empty_pictures")
-@pytest.mark.parametrize("few", ["--runs 1 --robots 6,2", "--robots 1"])
-def test_few_runs_and_robots_leave_gaps_and_no_error(
-    few: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """One motion measures no worst floor; of one robot, none can be faulty."""
-    line = ["league", *FEW, *SMALL, *QUICK, *few.split(), "--out", str(tmp_path / "few")]
-    said = output_of(capsys, *line)
-    assert ("Faulty robots" in said) == (few != "--robots 1")
-    assert (tmp_path / "few" / "report.html").exists()
-
-
-@pytest.mark.usefixtures("empty_pictures")
-def test_a_league_of_one_entry_is_compared_with_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "one"
-    line = ["league", *FEW, *SMALL, *QUICK, "--strategy", "totals", "--out", str(out)]
-    assert "Difference from" not in output_of(capsys, *line)
-    page = (out / "report.html").read_text(encoding="utf-8")
-    assert "All figures, floor by floor" in page
-    assert "the reference" not in page
-    for name in ("differences", "floor_differences"):
-        table = pl.read_csv(out / f"{name}.csv")
-        assert table.is_empty()
-        assert "p_holm" in table.columns
-
-
-@pytest.mark.parametrize(
-    ("line", "field"),
-    [
-        ("--strategy none,nonne", "nonne"),
-        ("--patterns strip", "stripe"),
-        ("--fills 0.3", "error: fills: 'stripe:0.3'"),
-        ("--fills 0.5", "between 0 and 0.5"),
-        ("--fills nan", "nan"),
-        ("--reference sofd", "--reference: there is no 'sofd', did you mean 'soft'?"),
-        ("--vary sofd:decision.credible_threshold=0.8", "soft"),
-        ("--vary decision.credible=0.8", "decision.credible"),
-        ("--vary none", "--vary"),
-        (
-            "--vary decision.credible_threshold=0.9,0.9",
-            "two entries are called 'none (credible_threshold 0.9)'",
-        ),
-        ("--floor random:0.48", "--patterns"),
-        ("--task mean", "'mean' asks for a number, and a league compares how often decisions are wrong"),
-        (f"--seed {2**63 - 1}", "--seed: 9223372036854775807 is not from 0 to 4611686018427387904"),
-        ("--settings nothing.toml", "--untuned"),
-        ("--own-motion", "--own-motion"),
-        ("--faults stuck_at_2", "stuck_at_1"),
-        ("--faults stuck_at_1 --fault-runs 0", "no runs with faults"),
-        ("--faults opposite --robots 6,1", "at least 2 robots"),
-    ],
-)
-def test_bad_input_is_named(line: str, field: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["league", *FEW, *SMALL, *QUICK, *line.split()]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert field in said.err
-    assert "Traceback" not in said.err
-
-
-def test_floors_on_which_no_decision_is_right_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    line = [
-        "league",
-        "--runs",
-        "2",
-        "--strategy",
-        "none,positive",
-        "--set",
-        "decision.decision_boundary=0.46",
-    ]
-    assert "must be 0.5 to compare beliefs and faults" in refusal_of(capsys, *line)
-    without = [*line, "--belief-runs", "0", "--fault-runs", "0"]
-    assert "has the fill ratio of the decision boundary, 0.46" in refusal_of(capsys, *without)
-    short = ["--fills", "0.4", "--patterns", "random", "--robots", "2", "--set", "run.t_end_s=20"]
-    assert main([*without, *short]) == 0
-    settings = {"none": {"decision.decision_boundary": 0.48}}
-    league = League(preset("paper"), entries_of(["none"], settings), floors_of(["stripe"], [0.48]))
-    with pytest.raises(InputError, match="so that neither decision is right"):
-        _ = league.study
-
-
-def test_options_that_change_messages_change_the_bytes_sent() -> None:
-    # A kernel with this option and network is compiled by other tests.
-    network = {"network.name": "loss", "network.loss.share": 0.0}
-    base = preset("paper").with_values({"run.t_end_s": 60.0, "localisation.method": "mixture"} | network)
-    settings = {"places": {"strategy.places.share_map": True}}
-    league = League(
-        base, entries_of(["places"], settings), floors_of(["stripe"], [0.48]), robots=(2,), runs=2
-    )
-    table = league.play().table
-    tiles = 100
-    assert table["bytes_on_air"].to_list() == [5 + tiles]
-    assert table["bytes_sent"].to_list() == pytest.approx([(5 + tiles) * table["sent"][0]])
 
 
 def test_settings_come_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -433,55 +287,6 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
     assert main(["league", "tune", *own, "--spaces", str(spaces), "--out", str(found)]) == 0
     assert set(read_settings(found)) == {"guess"}
     assert main(["league", *NONE, *line, *QUICK[:-1], "--settings", str(found), "--json"]) == 0
-
-
-def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixture[str]) -> None:
-    settings = frozen_settings()
-    of_two_kinds = {name for name, one in known().items() if not one.answers_kinds}
-    unplaced = of_two_kinds - {"places", "field", "explore", *FOR_CHANGES}
-    assert set(settings) == {*default_strategies(), *GUESSING} == unplaced
-    assert set(frozen_settings(own_motion=True)) == set(settings)
-    (line,) = re.findall("Without `--strategy` these play: ([^.]*)", PAGE.read_text(encoding="utf-8"))
-    assert set(re.findall("`(.*?)`", line)) == set(default_strategies())
-    motions = {
-        tuple(v for k, v in own.items() if k.startswith("walk.")) for own in frozen_settings(True).values()
-    }
-    assert len(motions) > 1
-    assert all(entry.tuned for entry in entries_of(list(settings), settings))
-    document = json_of(capsys, "league", *NONE, *SMALL, *QUICK[:-1], "--json")
-    names = [row["name"] for row in document["tables"]["standings"]]
-    assert set(names) == {entry.label for entry in entries_of(["none", "soft"], settings)}
-    assert main(["league", *NONE, *SMALL, *QUICK[:-1], "--own-motion", "--json"]) == 0
-    assert "Not tuned for a league" in output_of(capsys, "league", *NONE, *SMALL, *QUICK)
-
-
-def test_what_fits_the_robots_of_a_league_or_a_detection_alone_is_taken() -> None:
-    words: ScenarioWords = {
-        "network": "tree",
-        "settings": ["network.tree.parents=[-1,-1,0,0]"],
-        "robots": [4],
-    }
-    assert players_of(**words).base.swarm.robots == 4
-    assert detection_scenario(**words).swarm.robots == 4
-
-
-def test_a_league_of_shares_chooses_a_sensor_and_a_task_and_says_so() -> None:
-    shares = (0.4, 0.3, 0.2, 0.1)
-    players = players_of(shares=shares)
-    base = players.base
-    assert (base.sensor.model, base.sensor.kinds, base.task.name) == ("confusion", 4, "majority")
-    assert "with --set sensor.model=confusion --set sensor.confusion.kinds=4 --task majority." in players.note
-    own = (
-        "sensor.model=confusion",
-        "sensor.confusion.kinds=4",
-        "sensor.confusion.accuracy=0.7",
-        "task.name=majority",
-    )
-    players = players_of(shares=shares, settings=own)
-    assert players.base.sensor.params.accuracy == 0.7  # type: ignore[attr-defined]
-    assert players.note == ""
-    with pytest.raises(InputError, match="knows 3 kinds"):
-        players_of(shares=shares, settings=("sensor.model=confusion",))
 
 
 def test_a_league_of_three_kinds_gives_each_kind_each_share() -> None:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from vibroswarm.analysis.intervals import wilson_limits
-from vibroswarm.errors import InputError
 from vibroswarm.league import belief_calibration as module
 from vibroswarm.league.belief_calibration import (
     ALL,
@@ -30,7 +28,6 @@ from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import known, strategy
 from vibroswarm.strategies.static_analysis import told
-from vibroswarm.study.run import run
 
 BASE = preset("paper").with_values({"run.t_end_s": 300.0})
 
@@ -159,15 +156,6 @@ def test_what_a_robot_is_told_is_as_documented() -> None:
         assert (", ".join(facts) or "-") == text, name
     assert all("boundary" in told(strategy(name), "readings") for name in known())
     assert "error rates" not in told(strategy("none"), "readings")
-
-
-def test_runs_that_are_missing_are_not_counted_as_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "COUNTS", (49,))
-    # The result of a study of which only half of the runs are there.
-    half = lambda study, folder: replace(run(replace(study, runs=1), folder), study=study)  # noqa: E731
-    monkeypatch.setattr(module, "run", half)
-    with pytest.raises(InputError, match="has 1 of 2 runs"):
-        belief_calibration(league(*entries_of(["none"], {})), runs=2)
 
 
 def test_who_is_without_a_belief_is_left_out() -> None:

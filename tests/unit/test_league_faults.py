@@ -8,7 +8,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.errors import InputError
 from vibroswarm.league.entries import Entry, floors_of
 from vibroswarm.league.fault_curves import FILL, MARGIN, _rise, _verdict, borne, fault_curves
 from vibroswarm.league.standings import League
@@ -98,10 +97,3 @@ def test_of_one_robot_none_can_be_faulty() -> None:
     curves = fault_curves(replace(LEAGUE, robots=(1,)))
     assert curves.is_empty()
     assert borne(curves).is_empty()
-
-
-def test_what_cannot_be_asked_is_refused() -> None:
-    with pytest.raises(InputError, match="stuck_at_1"):
-        fault_curves(LEAGUE, kinds=["stuck_at_2"])
-    with pytest.raises(InputError, match="4 of 4 robots"):
-        fault_curves(LEAGUE, most=4)

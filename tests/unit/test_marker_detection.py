@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vibroswarm.errors import InputError
 from vibroswarm.tracking import marker_detection
 from vibroswarm.tracking.marker_detection import detect
 from vibroswarm.tracking.markers import APRILTAG_0, DICTIONARIES, Markers, first_corner, read_markers
-from vibroswarm.tracking.picture_quality import faults_of, why_none
 from vibroswarm.tracking.track import track
 from vibroswarm.tracking.video_file import frames_of
 
@@ -114,114 +112,3 @@ def test_the_top_of_an_apriltag_is_where_its_makers_have_it() -> None:
     markers = replace(drawn.MARKERS, dictionary="APRILTAG_36h11")
     (four,) = marker_detection._Finder(cv2, markers).everywhere(picture)[0]
     assert np.abs(four - np.array([[30, 30], [109, 30], [109, 109], [30, 109]])).max() < 1.0
-
-
-def darker(frame: np.ndarray[Any, Any]) -> Any:
-    return (frame * 0.1).astype(np.uint8)
-
-
-def blurred(frame: np.ndarray[Any, Any]) -> Any:
-    return cv2.GaussianBlur(frame, (0, 0), 4.0)
-
-
-def smeared(frame: np.ndarray[Any, Any]) -> Any:
-    """As by a camera that moves to the right."""
-    return cv2.blur(frame, (9, 1))
-
-
-def smaller(frame: np.ndarray[Any, Any]) -> Any:
-    return cv2.resize(frame, (150, 122), interpolation=cv2.INTER_AREA)
-
-
-def same(frame: np.ndarray[Any, Any]) -> Any:
-    return frame
-
-
-@pytest.mark.parametrize(
-    ("change", "dictionary", "words"),
-    [
-        (darker, "4X4_50", "the picture is dark (nine tenths of it are at most 19 of 255)"),
-        (blurred, "4X4_50", "the picture is blurred (its edges are "),
-        (smeared, "4X4_50", "the picture is blurred (its edges are "),
-        (smaller, "4X4_50", "markers of 20 px are read well: bring the camera nearer"),
-        (same, "6X6_50", "its markers are of the dictionary 4X4_50 (0, 1, 46, 47, 48, 49)"),
-        (np.zeros_like, "4X4_50", "the picture is dark"),
-        (lambda frame: np.full_like(frame, 200), "4X4_50", "nothing in it is like a marker"),
-    ],
-)
-def test_why_no_marker_is_seen_is_said(tmp_path: Path, change: Any, dictionary: str, words: str) -> None:
-    drawn.write(tmp_path / "v.avi", [change(frame) for frame in drawn.frames(2)])
-    markers = replace(drawn.MARKERS, dictionary=dictionary, robots={7: 0, 8: 1})
-    with pytest.raises(InputError, match=r"shows none of the robots' markers \[7, 8\]") as raised:
-        track(tmp_path / "v.avi", markers)
-    assert words in str(raised.value)
-
-
-def test_reflections_and_compression_are_told_as_causes() -> None:
-    frame = np.full((200, 300), 180, dtype=np.uint8)
-    lit = frame.copy()
-    lit[20:60, 30:70], lit[100:110, 10:20] = 255, 255  # the second is smaller than a marker
-    assert faults_of([frame, frame], 20.0, 0.2) == []
-    assert faults_of([lit, frame], 20.0) == []  # white in one frame only: it moves
-    (white,) = faults_of([lit, lit], 20.0)
-    assert white.startswith("a place is white throughout, as reflections are, 2.7 % of the picture")
-    rim = frame.copy()
-    rim[20:74, 30:84] = 255  # white paper around a marker of the floor: 1760 px, 10 px wide
-    rim[30:64, 40:74] = 60
-    assert faults_of([rim, rim], 20.0) == []
-    tube, corner = frame.copy(), frame.copy()
-    tube[20:38, 30:230] = 255  # narrower than a marker, as the picture of a lamp is
-    corner[:12, :12] = 255  # smaller
-    assert [len(faults_of([one, one], 20.0)) for one in (tube, corner)] == [1, 0]
-    (small,) = faults_of([frame, frame], 20.0, 0.0015)
-    assert small.startswith("the video is compressed strongly (0.0015 bits for each pixel)")
-
-
-def test_a_marker_that_is_in_no_list_is_told(tmp_path: Path) -> None:
-    drawn.write(tmp_path / "v.avi", drawn.frames(80))
-    one = replace(drawn.MARKERS, robots={0: 0})
-    found = detect(tmp_path / "v.avi", one)
-    assert tuple(frame for frame, _ in found.unexpected[1]) == (*SEARCHED_WHOLE, 79)
-    bits = 8 * (tmp_path / "v.avi").stat().st_size
-    assert found.bits_per_px == pytest.approx(bits / (80 * np.prod(found.size_px)))
-    assert detect(tmp_path / "v.avi", drawn.MARKERS).unexpected == {}
-
-
-def test_a_dark_beginning_is_not_why_no_marker_is_seen(tmp_path: Path) -> None:
-    drawn.write(tmp_path / "v.avi", [np.zeros_like(drawn.frames(1)[0]), *drawn.frames(2)])
-    with pytest.raises(InputError, match="of this dictionary it shows 0, 1, 46, 47, 48, 49 only"):
-        track(tmp_path / "v.avi", replace(drawn.MARKERS, robots={7: 0, 8: 1}))
-
-
-def test_small_markers_are_why_none_is_seen_where_some_of_the_floor_are() -> None:
-    small = [
-        cv2.resize(frame[..., 0], None, fx=0.35, fy=0.35, interpolation=cv2.INTER_AREA)
-        for frame in drawn.frames(2)
-    ]
-    said = why_none(small, drawn.MARKERS)
-    assert said.startswith("of this dictionary it shows 46, 47 only; other squares are 9 px wide")
-    # The control: large markers, with squares inside of them, of other numbers.
-    large = [cv2.resize(frame[..., 0], None, fx=2.0, fy=2.0) for frame in drawn.frames(2)]
-    others = replace(drawn.MARKERS, robots={7: 0, 8: 1})
-    assert why_none(large, others) == "of this dictionary it shows 0, 1, 46, 47, 48, 49 only"
-
-
-@pytest.mark.parametrize("frames", [13, 21])
-def test_a_camera_that_is_pushed_after_the_last_whole_frame_is_told(tmp_path: Path, frames: int) -> None:
-    """The last frame is searched for the floor's markers, also where it is none of every 75; once each."""
-    pictures = drawn.frames(frames)
-    drawn.write(tmp_path / "v.avi", [*pictures[:-2], *(np.roll(one, 6, axis=1) for one in pictures[-2:])])
-    found = detect(tmp_path / "v.avi", drawn.MARKERS)
-    assert {tuple(frame for frame, _ in seen) for seen in found.floor_seen.values()} == {
-        (*range(0, frames, 5), *([frames - 1] if frames % 5 != 1 else []))
-    }
-    assert found.floor_spread == (pytest.approx(3.0, abs=0.3), frames - 1)
-
-
-def test_a_camera_that_is_pushed_late_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(marker_detection, "WHOLE_EVERY", 5)
-    still = drawn.frames(1)[0]
-    drawn.write(tmp_path / "v.avi", [still] * 205 + [np.roll(still, (6, 8), axis=(0, 1))] * 20)
-    moved_px, frame = detect(tmp_path / "v.avi", drawn.MARKERS).floor_spread
-    assert abs(moved_px - 10.0) < 0.5
-    assert frame >= 205

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import polars as pl
 import pytest
@@ -11,7 +9,7 @@ import pytest
 from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.sampling import walk_figures
-from vibroswarm.paper.cells import FIRST_RUNS, READ, Cell, CellResult, digest_of, summarise
+from vibroswarm.paper.cells import READ, Cell, CellResult, summarise
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
@@ -53,11 +51,6 @@ def came(rows: pl.DataFrame) -> list[CellResult]:
     return summarise(CELLS, *arrays_of(shuffled, NUMBERS, RUNS, ROBOTS))
 
 
-def test_a_cells_command_has_the_smaller_number_of_runs() -> None:
-    of_500 = replace(CELLS[0], runs=500)
-    assert [f"--runs {n} " in of_500.command(most, 1) for n, most in ((10, 10), (500, 1000))] == [True, True]
-
-
 def test_rows_are_those_of_the_summary_whatever_their_order(
     came: list[CellResult], results: list[Result]
 ) -> None:
@@ -85,27 +78,3 @@ def test_figures_are_those_of_each_run(came: list[CellResult], results: list[Res
             (pl.col("alpha") / (pl.col("alpha") + pl.col("beta"))).mean()
         )["alpha"]
         np.testing.assert_allclose(one.figures["estimate"], estimate.to_numpy(), rtol=1e-14)
-
-
-def test_the_first_runs_are_kept_as_they_were(came: list[CellResult], results: list[Result]) -> None:
-    for one, result in zip(came, results, strict=True):
-        assert one.first.equals(result.robots.filter(pl.col("run") < FIRST_RUNS))
-        assert one.first.schema == result.robots.schema
-
-
-def test_a_digest_is_of_every_value(results: list[Result], came: list[CellResult]) -> None:
-    table = {
-        name: results[0].robots[name].to_numpy().reshape(RUNS, ROBOTS) for name in results[0].robots.columns
-    }
-    assert digest_of(table) == came[0].digest
-    for name, values in table.items():
-        other = values.copy()
-        other[-1, -1] += 1
-        if not np.isnan(float(values[-1, -1])):
-            assert digest_of({**table, name: other}) != came[0].digest
-    assert len({one.digest for one in came}) == 3
-
-
-def test_a_row_too_few_is_told(rows: pl.DataFrame) -> None:
-    with pytest.raises(ValueError, match="one row for each is needed"):
-        summarise(CELLS, *arrays_of(rows[:-1], NUMBERS, RUNS, ROBOTS))

@@ -8,11 +8,9 @@ from typing import Any
 
 import pytest
 
-from vibroswarm import Result, Scenario, simulate, strategies, tasks, verdict
+from vibroswarm import Result, Scenario, simulate, strategies, verdict
 from vibroswarm.documents.run import result_document
-from vibroswarm.errors import InputError
 from vibroswarm.strategies import Strategy
-from vibroswarm.tasks import Task
 
 
 class One:
@@ -110,41 +108,3 @@ def test_an_estimate_of_its_own_comes_before_the_mean_of_a_posterior() -> None:
 
 def test_robots_without_any_count_have_no_estimate() -> None:
     assert verdict(run_of("counted", t_end_s=0.1)).robots[0].estimate is None
-
-
-@pytest.mark.parametrize("kind", [3.0, -1.0, 0.5, 1.0])
-def test_a_task_that_asks_for_a_kind_that_the_sensor_does_not_know_is_refused(kind: float) -> None:
-    class Params:
-        kind: float = 1
-
-    asked = Task(name="which", params=Params, truth=lambda floor, asked, p: 0, answers=("a", "b", "c"))
-    tasks.register(asked)
-    values = {
-        "sensor.model": "confusion",
-        "floor.source": "random:0.4,0.36,0.24",
-        "strategy.name": "dirichlet",
-    }
-    try:
-        with pytest.raises(
-            InputError, match=f"task.which.kind: {kind} is not a kind of tile that the sensor knows"
-        ):
-            Scenario().with_values(values | {"task.name": "which", "task.which.kind": kind})
-    finally:
-        tasks.base.forget("which")
-
-
-def test_the_number_that_a_task_scores_is_not_called_the_share_of_kind_1() -> None:
-    own = Task(
-        name="third",
-        truth=lambda floor, asked, p: 0,
-        scored=lambda floor, asked, p: 0.24,
-        answers=("a", "b", "c"),
-    )
-    tasks.register(own)
-    try:
-        of_kinds = {"sensor.model": "confusion", "floor.source": "random:0.4,0.36,0.24", "run.t_end_s": 20.0}
-        asked = Scenario().with_values(of_kinds | {"strategy.name": "dirichlet", "task.name": "third"})
-        document = result_document(simulate(asked))
-    finally:
-        tasks.base.forget("third")
-    assert document.tables["robots"].columns["posterior"].title == "estimate (95 %)"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
-import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -80,13 +79,6 @@ def test_the_optimum_of_a_bowl_is_found(name: str, near: float) -> None:
     assert method.history[-1].best == pytest.approx(functions.sphere(archive[method.best()].point))
 
 
-@pytest.mark.parametrize("name", ["random", "sobol", *LIBRARIES])
-def test_starts_are_tried_first(name: str) -> None:
-    start = np.array([0.25, 0.5, 0.125])
-    method = made(name, functions.archive_for(), 40, [start])
-    assert method.archive[method.ask()[0].key].point.tolist() == start.tolist()
-
-
 def test_a_front_is_found() -> None:
     """Two bowls: what none beats lies on the line between their optima."""
     archive = functions.archive_for(objectives=2)
@@ -149,43 +141,6 @@ def assert_front_is_scored_again(found: Found, folder: Path) -> None:
     document = search_document(found, front=front)
     assert front.words in " ".join((*document.answer, *document.warnings))
     assert "true-front" in document.figures
-
-
-def test_several_objectives_take_the_method_for_them() -> None:
-    two = (
-        SMALL.replace("final = 60\n", "")
-        + '[[objective]]\ncost = "printed"\n[[objective]]\ncost = "intended"\n'
-    )
-    assert Search.from_toml(two).settings.method == "nsga2"
-    pso = two.replace("[search]", '[search]\nmethod = "pso"')
-    assert Search.from_toml(pso, method="nsga2").settings.method == "nsga2"
-    for text, method in ((pso, None), (two, "pso")):
-        with pytest.raises(InputError, match="several objectives need the method nsga2"):
-            Search.from_toml(text, method=method)
-
-
-def test_methods_that_cannot_be(tmp_path: Path) -> None:
-    one = SMALL.replace("[search]", '[search]\nmethod = "cmaes"')
-    one = "\n".join(line for line in one.splitlines() if "min_obs" not in line and "strategy" not in line)
-    with pytest.raises(InputError, match="at least two"):
-        run_search(Search.from_toml(one))
-
-
-@pytest.mark.parametrize(
-    ("method", "module", "extra"),
-    [("tpe", "optuna", "optimize"), ("cmaes", "cmaes", "optimize"), ("nsga2", "optuna", "optimize"),
-     ("gp", "torch", "gp")],
-)  # fmt: skip
-def test_a_library_that_is_not_there_is_told_before_a_folder_is_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, module: str, extra: str
-) -> None:
-    if method == "gp":
-        need("tpe")
-    monkeypatch.setitem(sys.modules, module, None)
-    search = Search.from_toml(SMALL.replace("[search]", f'[search]\nmethod = "{method}"'))
-    with pytest.raises(InputError, match=rf"pip install 'vibroswarm\[{extra}\]'"):
-        run_search(search, tmp_path / "s")
-    assert not (tmp_path / "s").exists()
 
 
 def test_what_told_good_candidates_from_the_rest() -> None:

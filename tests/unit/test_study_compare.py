@@ -7,7 +7,6 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.cell_comparison import (
     comparison_table,
@@ -26,26 +25,6 @@ def names(study: Study) -> list[str]:
     return [f"{cell.name} | {reference.name} | {field}" for cell, reference, field in pairs_of(study)]
 
 
-def test_strategies_are_compared_in_all_pairs_on_the_same_floor_or_with_one_that_is_named() -> None:
-    study = Study.of(
-        SHORT, 1, floor__source=["random:0.44", "random:0.48"], strategy__name=["none", "positive", "soft"]
-    )
-    pairs = (("positive", "none"), ("soft", "none"), ("soft", "positive"))
-    assert names(study) == [
-        f"random:{fill}, {first} | random:{fill}, {second} | strategy.name"
-        for fill in (0.44, 0.48)
-        for first, second in pairs
-    ]
-    assert [
-        (cell.point["strategy.name"], other.point["strategy.name"])
-        for cell, other, _ in pairs_of(study, "soft")
-    ] == [("none", "soft"), ("positive", "soft")] * 2
-    with pytest.raises(InputError, match="--reference: there is no 'sofa', did you mean 'soft'"):
-        pairs_of(study, "sofa")
-    with pytest.raises(InputError, match="compares no cells"):
-        pairs_of(Study.of(SHORT, 1), "none")
-
-
 def test_numbers_are_compared_only_where_nothing_else_varies() -> None:
     assert names(Study.of(SHORT, 1, swarm__robots=[5, 6])) == ["robots 6 | robots 5 | swarm.robots"]
     soft = SHORT.with_values({"strategy.name": "soft"})
@@ -56,11 +35,6 @@ def test_numbers_are_compared_only_where_nothing_else_varies() -> None:
 def test_floors_are_never_compared_and_one_cell_has_nothing_to_be_compared_with() -> None:
     assert names(Study.of(SHORT, 1, floor__source=["random:0.44", "random:0.48"])) == []
     assert names(Study.of(SHORT, 1)) == []
-
-
-def test_labels_are_compared_with_the_first() -> None:
-    vary = {"list": [{"label": "P0", "walk.leg_min_ms": 500.0}, {"label": "P*", "walk.leg_min_ms": 900.0}]}
-    assert names(Study(vary=vary, runs=1)) == ["P* | P0 | label"]
 
 
 @pytest.fixture(scope="module")

@@ -4,36 +4,21 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.figures import interval
-from vibroswarm.analysis.intervals import Interval, mean_interval
-from vibroswarm.errors import InputError
-from vibroswarm.study.precision import FIGURES, FIRST_LOOK, RENAMED, Precision
+from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.study.precision import RENAMED, Precision
 from vibroswarm.study.settled import figure_of, settled
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
 
 BASE = {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}, "decision": {"min_observations": 5}}
-
-
-@given(st.integers(FIRST_LOOK, 10**7))
-def test_looks_double_and_end_with_the_most(most):
-    looks = list(Precision(0.02, max_runs=most).looks())
-    assert looks[0] == 100
-    assert looks[-1] == most
-    for before, after in pairwise(looks):
-        assert before < after <= 2 * before
-        assert after == 2 * before or after == most
 
 
 @pytest.mark.parametrize("level", [0.9, 0.95, 0.99])
@@ -43,21 +28,6 @@ def test_the_errors_of_all_looks_sum_to_that_of_the_level(level: float) -> None:
     assert errors[0] == pytest.approx((1 - level) * 6 / math.pi**2)
     assert np.all(np.diff(errors) < 0)
     assert 0.9999 * (1 - level) < errors.sum() < 1 - level
-
-
-def is_reached(half_width: float, figure: str, *limits: float, runs: int = 10_000) -> bool:
-    return Precision(half_width, figure).reached(Interval(*limits, 0.95, runs, "t"), 1200.0)
-
-
-def test_times_are_known_relatively_and_shares_absolutely():
-    assert is_reached(0.1, "decision_time_s", 500.0, 450.0, 550.0)
-    assert not is_reached(0.1, "decision_time_s", 500.0, 449.0, 551.0)
-    assert is_reached(0.1, "sent", 80.0, 72.0, 88.0), "of the messages, not a tenth of one"
-    assert is_reached(0.1, "robots_right", 0.5, 0.4, 0.6)
-    assert not is_reached(0.05, "robots_right", 0.5, 0.4, 0.6)
-    assert not is_reached(0.1, "robots_right", 0.5, 0.5, 0.5), "an interval without a width is not known"
-    assert not is_reached(0.1, "robots_right", math.nan, math.nan, math.nan)
-    assert not is_reached(0.1, "robots_right", 0.5, -math.inf, math.inf)
 
 
 @pytest.mark.parametrize(
@@ -82,30 +52,6 @@ def test_a_study_does_not_stop_before_rare_runs_can_have_occurred(
         held.append(not found.excludes(truth))
     assert np.mean(held) > 0.95
     assert np.mean(held_at_first) < 0.7
-
-
-@pytest.mark.parametrize(
-    ("text", "share"), [("2%", 0.02), (" 0.5 %", 0.005), ("21.9%", 0.219), ("1e1%", 0.1)]
-)
-def test_a_precision_from_words(text: str, share: float) -> None:
-    precision = Precision.from_words(text)
-    assert precision.half_width == share
-    assert Precision.from_words(precision.as_values()["until"]) == precision
-    assert ".%" not in precision.as_values()["until"]
-
-
-@pytest.mark.parametrize("text", ["2", "%", "0%", "-1%", "100%", "nan%", "inf%", "two%", 2, 0.02, None, True])
-def test_what_is_no_precision_is_said(text: object) -> None:
-    with pytest.raises(InputError, match="not a percentage above 0% and below 100%; give one such as 2%"):
-        Precision.from_words(text)
-
-
-@pytest.mark.parametrize("level", [0.0, 1.0, 1.5, -0.1, math.nan, math.inf, 1, True, "0.9", None])
-def test_what_is_no_level_is_refused(level: object) -> None:
-    with pytest.raises(
-        InputError, match=r"level: .* is not a level of confidence; give a share such as 0\.95"
-    ):
-        Precision(0.02, level=level)  # type: ignore[arg-type]
 
 
 LONG_S, SHORT_S, SHARE = 1200.0, 300.0, 0.1
@@ -165,42 +111,6 @@ def test_figures_are_those_of_the_tables(figure: str, result: StudyResult) -> No
     assert found.estimate == pytest.approx(wanted, rel=1e-12)
     assert found.n == 200
     assert found.low < found.estimate < found.high
-
-
-@pytest.mark.parametrize(("old", "new"), RENAMED.items())
-def test_a_renamed_figure_is_named(old: str, new: str) -> None:
-    with pytest.raises(InputError, match=f"'{old}' is called '{new}' now"):
-        Precision(0.02, old)
-
-
-@pytest.fixture(scope="module")
-def with_and_without_truth(tmp_path_factory: pytest.TempPathFactory) -> pl.DataFrame:
-    """Rows of the store: runs 0 to 39 have a truth; runs 40 to 79 have none, as half of the floor's tiles vibrate."""
-    base = {
-        **BASE,
-        "floor": {"source": "random:0.5", "rows": 4, "columns": 4},
-        "decision": {"min_observations": 0},
-    }
-    study = Study(base, {"grid": {"floor.source": ["random:0.25", "random:0.5"]}}, 40)
-    rows = study.run(tmp_path_factory.mktemp("p") / "s").rows().collect()
-    return rows.with_columns(run=pl.col("run") + 40 * pl.col("cell"))
-
-
-@pytest.mark.parametrize("truth", ["all", "some", "none"])
-def test_figures_agree_with_the_summary_of_the_cell(truth: str, with_and_without_truth: pl.DataFrame) -> None:
-    of_cells = {"all": [0], "some": [0, 1], "none": [1]}[truth]
-    rows = with_and_without_truth.filter(pl.col("cell").is_in(of_cells))
-    runs = rows.filter(pl.col("robot") == 0)
-    assert runs["truth"].null_count() == {"all": 0, "some": 40, "none": 40}[truth]
-    if truth == "none":
-        assert {-1, 0, 1} == set(rows["decision"]), "robots decide, and stay undecided"
-    shown = summary(rows, runs, 60.0)
-    for figure in FIGURES:
-        found, wanted = figure_of(rows.lazy(), figure, 60.0, 0.95), getattr(shown, figure)
-        assert found.n == wanted.n, figure
-        assert math.isnan(found.estimate) == (found.n == 0), figure
-        assert found.estimate == pytest.approx(wanted.estimate, rel=1e-12, nan_ok=True), figure
-        assert found[1:3] == pytest.approx(wanted[1:3], rel=1e-12, nan_ok=True), "the interval that is shown"
 
 
 def test_a_group_is_settled_when_its_worst_cell_is(tmp_path: Path) -> None:
