@@ -1,14 +1,17 @@
-"""The ledger: hashes over values, of which no change of the code that is not meant may change one bit.
+"""The ledger: hashes over values that no change of the code may move by one bit.
 
-    python tests/helpers/ledger.py            the whole ledger: what differs from ``ledger.json``
-    python tests/helpers/ledger.py --short    a part of it, within a minute if kernels are compiled
-    python tests/helpers/ledger.py --write    makes ``ledger.json`` again, after a change of values that is meant; the
-                                             commit says what has changed, and why
+    python tests/helpers/ledger.py                      the whole ledger: what differs from what is kept
+    python tests/helpers/ledger.py --short              a part of it, within a minute if kernels are compiled
+    python tests/helpers/ledger.py --write statistics   keeps a part anew, or only the rows that ``--rows REGEX`` names
+
+It has two parts. ``values.json``: simulated values (motion, readings, messages, beliefs, decisions, places, exported
+programs, imported recordings), which never move. ``statistics.json``: figures of studies, leagues, searches, fits and
+inspections, which move only in a commit of their own that says what has changed, and why.
 
 Another processor may round otherwise; see ``helpers.common_instructions``.
 
 ``ledger.toml`` lists the combinations. Hashes are of values in the order of the columns that are named here or in
-``ledger.json``: files and columns may be added. One that is renamed is renamed in ``ledger.json`` too.
+what is kept: files and columns may be added. One that is renamed is renamed there too.
 """
 
 from __future__ import annotations
@@ -39,6 +42,7 @@ import helpers.common_instructions  # noqa: F401  # isort: skip - before NumPy
 import numpy as np
 import polars as pl
 
+from helpers import drawn_video
 from vibroswarm import InputError, Result, preset, simulate
 from vibroswarm.cli import main as vibroswarm
 from vibroswarm.export.c_library import library_files
@@ -46,7 +50,12 @@ from vibroswarm.simulation import versions
 
 HERE = Path(__file__).parents[1] / "golden"
 LIST = tomllib.loads((HERE / "ledger.toml").read_text(encoding="utf-8"))
-FILE = HERE / "ledger.json"
+FILES = {part: HERE / f"{part}.json" for part in ("values", "statistics")}
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PARTS = {block["name"]: "values" for block in (*LIST["runs"], *LIST["export"])} | {
+    block["name"]: block.get("part", "statistics") for block in LIST["command"]
+}
+"""The part of the ledger that each block of the list is in."""
 RECORDINGS = "VIBROSWARM_RUGBOT"
 """Environment variable with the folder of recordings that some commands need."""
 MADE_BY = ("numpy", "numba", "scipy", "polars", "architecture")
@@ -74,28 +83,40 @@ def made_by() -> dict[str, str]:
     return {name: versions()[name] for name in MADE_BY}
 
 
-def all_hashes(short: bool) -> Hashes:
-    """Make every value of the ledger, or of its short part, and hash it; all of it in two processes."""
+def part_of(name: str) -> str:
+    """The part of the ledger that an entry is in."""
+    return PARTS[name.split(":")[0]]
+
+
+def all_hashes(short: bool, rows: str = "") -> Hashes:
+    """Make the values of the ledger, or of its short part, and hash them; all of it in two processes.
+
+    Args:
+        rows: a regular expression; only entries in whose names it is found are made.
+    """
     if short:
-        return hashes_of_simulator(short) | hashes_of_commands(short, LIST["command"])
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        beside = pool.submit(hashes_beside)
-        others = hashes_of_commands(short, [block for block in LIST["command"] if not block.get("beside")])
-        return beside.result() | others
+        found = hashes_of_simulator(short, rows) | hashes_of_commands(short, LIST["command"], rows)
+    else:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            beside = pool.submit(hashes_beside, rows)
+            others = [block for block in LIST["command"] if not block.get("beside")]
+            found = hashes_of_commands(short, others, rows) | beside.result()
+    return {name: value for name, value in found.items() if re.search(rows, name)}
 
 
-def hashes_beside() -> Hashes:
+def hashes_beside(rows: str) -> Hashes:
     """Make about half of the whole ledger."""
-    of_commands = hashes_of_commands(False, [block for block in LIST["command"] if block.get("beside")])
-    return hashes_of_simulator(False) | of_commands
+    beside = [block for block in LIST["command"] if block.get("beside")]
+    return hashes_of_simulator(False, rows) | hashes_of_commands(False, beside, rows)
 
 
-def hashes_of_simulator(short: bool) -> Hashes:
+def hashes_of_simulator(short: bool, rows: str) -> Hashes:
     """Simulate the runs and export the programs, and hash them."""
     found: Hashes = {}
     for block in LIST["runs"]:
         for name, values in combinations(block, short):
-            found[f"{block['name']}: {name}"] = hash_of_runs(block, values)
+            if re.search(rows, entry := f"{block['name']}: {name}"):
+                found[entry] = hash_of_runs(block, values)
     for block in LIST["export"]:
         for name, text in exported_programs(block, short):
             found[f"{block['name']}: {name}"] = hash_of_program(text)
@@ -167,17 +188,24 @@ def hash_of_program(text: str) -> str:
     return hashlib.sha256(" ".join(without_hashes.split()).encode()).hexdigest()[:16]
 
 
-def hashes_of_commands(short: bool, commands: Sequence[Mapping[str, Any]]) -> Hashes:
+def hashes_of_commands(short: bool, commands: Sequence[Mapping[str, Any]], rows: str) -> Hashes:
     """Run commands in a folder of their own, and hash the numbers that they write or print."""
     found: Hashes = {}
     recordings = os.environ.get(RECORDINGS)
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         for name, text in LIST["files"].items():
             Path(name).write_text(text, encoding="utf-8")
+        if any(re.search(rows, f"{block['name']}: ") for block in commands if block["name"] == "tracking"):
+            drawn_video.write(Path("drawn.avi"), drawn_video.frames(40))
+            Path("markers.toml").write_text(drawn_video.MARKERS.to_toml(), encoding="utf-8")
         for block in commands:
             if (short and not block.get("short")) or ("needs" in block and not recordings):
                 continue
-            printed = printed_by([word.format(recordings=recordings) for word in block["run"]])
+            if "needs" not in block and not re.search(rows, f"{block['name']}: "):
+                continue
+            printed = printed_by(
+                [word.format(recordings=recordings, examples=EXAMPLES) for word in block["run"]]
+            )
             if "tables" in block:
                 files = [file for pattern in block["tables"] for file in sorted(Path().glob(pattern))]
                 for file in files:
@@ -259,29 +287,41 @@ def differences(found: Hashes, kept: Hashes, *, all_there: bool) -> list[str]:
 
 def kept_hashes() -> Hashes:
     """The hashes that are kept, and ``made by``: the versions that made them."""
-    kept: Hashes = json.loads(FILE.read_text(encoding="utf-8"))
+    kept: Hashes = {}
+    for file in FILES.values():
+        kept |= json.loads(file.read_text(encoding="utf-8"))
     return kept
+
+
+def write(part: str, found: Hashes, rows: str) -> None:
+    """Keep what is found of a part; what is not found, and has a name that ``rows`` is found in, leaves."""
+    kept = json.loads(FILES[part].read_text(encoding="utf-8"))
+    others = {name: value for name, value in kept.items() if not re.search(rows, name)}
+    document = others | {name: value for name, value in found.items() if part_of(name) == part}
+    text = json.dumps(document | {"made by": made_by()}, indent=1)
+    FILES[part].write_text(text + "\n", encoding="utf-8")
 
 
 def main() -> int:
     """Compare with what is kept, or keep what is found."""
     parser = argparse.ArgumentParser(description="Compare the values of the ledger.")
     parser.add_argument("--short", action="store_true", help="a part of it only")
-    parser.add_argument("--write", action="store_true", help="keep what is found")
+    parser.add_argument(
+        "--rows", default="", metavar="REGEX", help="only entries in whose names this is found"
+    )
+    parser.add_argument("--write", choices=FILES, help="keep what is found of a part")
     options = parser.parse_args()
     if not os.environ.get(RECORDINGS):
         print(f"{RECORDINGS} does not name the recordings: what needs them is left out", file=sys.stderr)
-    found = all_hashes(options.short)
+    found = all_hashes(options.short, options.rows)
     if options.write:
-        kept = kept_hashes() if FILE.exists() else {}
-        document = {"made by": made_by(), **(kept | found if options.short else found)}
-        FILE.write_text(json.dumps(document | {"made by": made_by()}, indent=1) + "\n", encoding="utf-8")
-        print(f"wrote {len(found)} entries to {FILE.name}")
+        write(options.write, found, options.rows)
         return 0
     kept = kept_hashes()
     if kept.pop("made by") != made_by():
         print(f"the ledger was made by other versions: {kept_hashes()['made by']}, here is {made_by()}")
         return 1
+    kept = {name: value for name, value in kept.items() if re.search(options.rows, name)}
     said = differences(found, kept, all_there=not options.short and bool(os.environ.get(RECORDINGS)))
     print("\n".join(said) or f"All {len(found)} entries are as they were.")
     return 1 if said else 0
