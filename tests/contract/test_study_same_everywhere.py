@@ -405,6 +405,7 @@ def test_a_process_ends_when_the_one_that_started_it_is_killed() -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_no_waiting_for_a_scheduler_that_ends_while_it_sends_a_result_or_does_not_answer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -43,8 +43,6 @@ from vibroswarm.motion.robot_params import DRIFT_SAMPLES
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 
-pytestmark = pytest.mark.slow
-
 FLOOR = Floor.filling([[0, 1, 0, 1, 0], [1, 0, 0, 1, 0], [1, 0, 1, 0, 1], [0, 1, 1, 0, 1], [1, 0, 0, 1, 0]])
 MADE: dict[str, Any] = {
     "robot.speed_redraw": "robot",

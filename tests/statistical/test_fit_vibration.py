@@ -21,7 +21,6 @@ def sessions(runs: int, motor_spread: float, gain_spread: float) -> Dataset:
     return dataset_of([simulate(true, 5, runs)])
 
 
-@pytest.mark.slow
 def test_known_parameters_are_found() -> None:
     fitted = fit_vibration(sessions(2, 0.0, 0.0), BASE, draws=20, folds=False)
     assert fitted.misfit.value < 0.05

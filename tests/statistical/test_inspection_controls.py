@@ -14,7 +14,6 @@ from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
-pytestmark = pytest.mark.slow
 RUNS = range(20)
 AT_S = (60.0, 120.0, 300.0)
 

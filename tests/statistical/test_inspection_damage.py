@@ -22,7 +22,6 @@ from vibroswarm.inspection.scan import CELLS, intact_statistics, p_value, statis
 from vibroswarm.inspection.stopping import Question, rule_of
 from vibroswarm.scenario.scenario import preset
 
-pytestmark = pytest.mark.slow
 RUNS = range(12)
 
 

@@ -33,7 +33,6 @@ from vibroswarm.inspection.stopping import Question, rule_of
 from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.scenario.fields import Sensor
 
-pytestmark = pytest.mark.slow
 Floats = NDArray[np.float64]
 SESSIONS = range(6)
 TRUTH = Law(preset("paper").sensor, "the truth")

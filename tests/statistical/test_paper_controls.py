@@ -18,8 +18,6 @@ from vibroswarm.paper.items import items_named
 from vibroswarm.paper.items.calibration import error_rows
 from vibroswarm.paper.reproduce import reproduce
 
-pytestmark = pytest.mark.slow
-
 RUNS = 300
 MOTION_RUNS = 150
 """For what hangs on motion and messages, which is told by fewer runs."""

@@ -15,8 +15,6 @@ import pytest
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
-pytestmark = pytest.mark.slow
-
 SEED, RUNS = 20, 2000
 TIME_S = (860.0, 910.0)
 BELIEF = (0.70, 0.74)

@@ -53,9 +53,7 @@ def ratio_limit(found: NDArray[np.float64], expected: NDArray[np.float64]) -> fl
     return float(np.quantile(means[0] / means[1], 0.95))
 
 
-@pytest.mark.parametrize(
-    "motion", ["mujoco-planar", pytest.param("mujoco", marks=[pytest.mark.slow, pytest.mark.long])]
-)
+@pytest.mark.parametrize("motion", ["mujoco-planar", pytest.param("mujoco", marks=pytest.mark.long)])
 def test_places_are_as_near_as_the_event_engines(motion: str) -> None:
     expected = errors_by_run("event")
     assert ratio_limit(errors_by_run(motion), expected) < 1.0 + MARGIN[motion]

@@ -25,7 +25,6 @@ ASKED = preset("paper").with_values(
 )
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_few_false_alarms_and_few_misses() -> None:
     """In 300 runs 1 alarm at 1 %, 3 at 2 %, 1 miss at 10 %. A prior of which nearly all vibrates raises alarms."""
@@ -46,7 +45,6 @@ def test_few_false_alarms_and_few_misses() -> None:
     assert (said(0.02, 0.97) == 1).any(axis=1).sum() > RUNS / 2  # negative control
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_robots_that_steer_do_not_believe_in_a_place_of_which_they_are_unsure() -> None:
     """Robots that steer wherever they are stay around one spot, and are farther from where they believe to be."""

@@ -12,8 +12,6 @@ from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import Scored, paired_score, score_fresh
 from vibroswarm.scenario.presets import preset_names
 
-pytestmark = pytest.mark.slow
-
 SEARCHES = Path(__file__).parents[2] / "examples" / "searches"
 
 

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import pytest
-
 from vibroswarm.optimize.loop import run_search
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import truth_of
-
-pytestmark = pytest.mark.slow
 
 SMALL = """
 [scenario]

@@ -68,7 +68,6 @@ def test_claimed_rates_are_those_of_a_million_draws(name: str) -> None:
         ).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "grid"), list(zip(BY_PLACE, reversed(GRIDS), strict=True)))
 def test_claims_of_reference_places_are_those_of_draws_elsewhere(name: str, grid: str) -> None:
     """The claim's own error is larger than that of 125,000 draws: it is of few floors, each with one robot."""

@@ -79,6 +79,7 @@ def test_no_result_depends_on_who_does_the_work(whole: Found, monkeypatch: pytes
     assert same(whole, run_search(small(), executor="processes", workers=1))
 
 
+@pytest.mark.slow
 def test_on_a_cluster_that_loses_a_worker_it_is_the_same(
     whole: Found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
