@@ -27,5 +27,7 @@ limits = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["t
 folders = {path.name: path for path in sorted(PACKAGE.iterdir()) if any(path.glob("*.py"))}
 sizes = {name: size(path) for name, path in {"package": PACKAGE, "tests": ROOT / "tests", **folders}.items()}
 print("[tool.ratchet]", *(f"{name} = {value}" for name, value in sizes.items()), sep="\n")
-over = [name for name in sizes if any(now > most for now, most in zip(sizes[name], limits[name], strict=True))]
+over = [
+    name for name in sizes if any(now > most for now, most in zip(sizes[name], limits[name], strict=True))
+]
 sys.exit(f"too large: {', '.join(over)}" if over else 0)
