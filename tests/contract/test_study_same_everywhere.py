@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import multiprocessing
-import os
 import random
 import signal
 import threading
@@ -19,11 +17,10 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from helpers.dask_cluster import Cluster
-from helpers.forked import FORKED, begin, begin_another, run_study
+from helpers.forked import FORKED, begin, run_study
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.study import executors
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
-from vibroswarm.study.executors import workers_for
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.run import merge
@@ -111,42 +108,6 @@ def test_a_process_that_dies_is_replaced(
     assert killed
     assert result.store.failures == []
     assert_same(result, alone)
-    assert not multiprocessing.active_children()
-
-
-def look_whether_to_stop(begun: Path) -> None:
-    begun.write_text(str(os.getpid()), encoding="utf-8")
-    while not executors._cancel.is_set():
-        pass
-
-
-@pytest.mark.slow
-def test_processes_that_die_while_they_look_whether_to_stop_block_nobody(tmp_path: Path) -> None:
-    """A lock that the dead process held would never be released."""
-    pools = executors.SingleProcessPools(1)
-    pools._context = FORKED
-    for number in range(6):
-        begun = tmp_path / str(number)
-        call = pools.submit(look_whether_to_stop, begun)
-        while not (begun.is_file() and begun.read_text(encoding="utf-8")):
-            time.sleep(0.01)
-        time.sleep(0.05)
-        os.kill(int(begun.read_text(encoding="utf-8")), signal.SIGKILL)
-        with pytest.raises(executors.WorkerDied):
-            call.result(60)
-    ending = threading.Thread(target=pools.shutdown, daemon=True)
-    ending.start()
-    ending.join(30)
-    assert not ending.is_alive()
-
-
-def test_no_process_is_started_once_the_pools_end() -> None:
-    """A process whose parent ends while it starts prints a traceback."""
-    pools = executors.SingleProcessPools(1)
-    pools.cancel.set()
-    with pytest.raises(RunError, match="stopped before"):
-        pools.submit(int).result(60)
-    pools.shutdown()
     assert not multiprocessing.active_children()
 
 
@@ -329,13 +290,6 @@ def test_a_batch_that_fails_twice_is_told_and_can_be_run_alone(
     assert_same(STUDY.run(tmp_path / "s"), alone)
 
 
-@pytest.mark.parametrize("batch", ["", "0", "0:1", "0:5-5", "9:0-5", "a:0-5", "0:0-99999999999", "0:-1-5"])
-def test_what_is_no_batch_is_said(batch: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--batch"):
-        run_batch(STUDY, tmp_path / "s", batch)
-    assert not (tmp_path / "s").exists()
-
-
 def test_a_worker_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def old(work: Batch, *more: Any) -> BatchResult:
         done = do_batch(work, *more)
@@ -371,63 +325,3 @@ def test_an_end_by_the_user_keeps_what_is_done_and_stops_the_threads(
 def test_nothing_to_do_needs_no_worker(alone: StudyResult) -> None:
     again = STUDY.run(alone.store.folder, executor="dask://127.0.0.1:1")
     assert_same(again, alone)
-
-
-@pytest.mark.parametrize(
-    ("executor", "words"),
-    [
-        ("thraeds", "did you mean 'threads'"),
-        ("nowhere.json", "there is no scheduler file"),
-        ("dask://", "no Dask scheduler answers"),
-        ("dask://127.0.0.1:1", "no Dask scheduler answers"),
-        ("dask://127.0.0.1:x", "no Dask scheduler answers"),
-        ("dask://no such host:1", "no Dask scheduler answers"),
-    ],
-)
-def test_an_executor_that_is_not_there(
-    executor: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(executors, "CONNECT_S", 0.3)
-    with pytest.raises(InputError, match=words):
-        STUDY.run(tmp_path / "s", executor=executor)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_process_ends_when_the_one_that_started_it_is_killed() -> None:
-    ours, theirs = FORKED.Pipe()
-    process = begin(begin_another, theirs)
-    child = ours.recv()
-    process.kill()
-    process.join()
-    until_s = time.monotonic() + 20.0
-    while Path(f"/proc/{child}").exists() and "zombie" not in Path(f"/proc/{child}/status").read_text():
-        assert time.monotonic() < until_s
-        time.sleep(0.05)
-
-
-@pytest.mark.slow
-def test_no_waiting_for_a_scheduler_that_ends_while_it_sends_a_result_or_does_not_answer(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    distributed, comm = pytest.importorskip("distributed"), pytest.importorskip("distributed.comm")
-    cluster = distributed.LocalCluster(
-        1, processes=False, threads_per_worker=1, dashboard_address="127.0.0.1:0", protocol="inproc://"
-    )
-    client = distributed.Client(cluster, set_as_default=False)
-
-    async def closed(**_: object) -> Any:
-        raise comm.CommClosedError("closed")
-
-    async def silent(**_: object) -> Any:
-        await asyncio.sleep(60.0)
-
-    monkeypatch.setattr(executors, "_connected", lambda *_: client)
-    with cluster, workers_for("dask://localhost:1", mixed=True) as crew:
-        assert crew.executor.submit(int).result(timeout=5.0) == 0
-        client.scheduler.gather = closed
-        with pytest.raises(comm.CommClosedError):
-            crew.executor.submit(int).result(timeout=5.0)
-        monkeypatch.setattr(executors, "ANSWER_S", 0.1)
-        client.scheduler.ncores = silent
-        with pytest.raises(RunError, match="the Dask cluster has not answered"):
-            crew.check()

@@ -12,8 +12,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from vibroswarm.study.executors import SingleProcessPools
-
 METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
 FORKED: Any = multiprocessing.get_context(METHOD)
 """Where there is no fork, each process starts Python."""
@@ -32,13 +30,6 @@ def run_study(file: Path, folder: Path, executor: str) -> None:
     from vibroswarm.study.spec import Study
 
     Study.read(file).run(folder, executor=executor, workers=2)
-
-
-def begin_another(begun: Any) -> None:
-    """Begin a worker process as a study does, send its number, and wait."""
-    pools = SingleProcessPools(1)
-    begun.send(pools.submit(os.getpid).result())
-    begun.recv()
 
 
 def run_module(name: str, words: list[str], folder: Path) -> None:
