@@ -6,7 +6,7 @@ Five robots, 10 x 10 tiles, inverted at 1200 s of 2400. A swarm has left the rig
 1200 s its answer (on which all robots agreed last) is not the right one. Settings are tuned on one seed: for each
 combination of ``GRIDS`` and p_c the memory or threshold with which 5 % of the runs leave, by interpolation between
 those of the grid; of these the combination with the least mean delay. It is then measured on another seed, and printed
-as the table of docs/figures/change.md, which says what the numbers mean.
+as a table.
 """
 
 from __future__ import annotations

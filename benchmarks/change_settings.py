@@ -2,7 +2,7 @@
 
     python benchmarks/change_settings.py
 
-Prints both tables at the end of docs/figures/change.md: shares of swarms that leave the right side and delays after an
+Prints two tables: shares of swarms that leave the right side and delays after an
 inversion of .40 to .60 over p_c (as ``change_delay.py``, 200 runs of seed 43), and the share of runs of 1200 s in which
 any of five robots tells of a change on a still floor (300 runs of seed 1, task ``changed``).
 """

@@ -1,4 +1,4 @@
-"""Measure memory and time of the features of a signal on an emulated Cortex-M0+: for docs/figures/vibration.md.
+"""Measure memory and time of the features of a signal on an emulated Cortex-M0+.
 
     PYTHONPATH=tests python benchmarks/features_on_robot.py
 

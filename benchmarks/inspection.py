@@ -1,4 +1,4 @@
-"""Measure what docs/figures/inspect.md says of simulated inspections, whose robots estimate their places.
+"""Measure how well simulated inspections, whose robots estimate their places, find damage.
 
 python benchmarks/inspection.py --help
 """

@@ -1,4 +1,4 @@
-"""Measure what docs/figures/inspect.md says of the three recorded sessions.
+"""Measure how good the maps of the three recorded sessions are.
 
 python benchmarks/inspection_sessions.py FOLDER
 """

@@ -1,4 +1,4 @@
-"""The cases that ``places_outcomes.py`` measures, and the tables of docs/figures/places.md that show them."""
+"""The cases that ``places_outcomes.py`` measures, and the tables that show them."""
 
 from __future__ import annotations
 

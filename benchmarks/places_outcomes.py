@@ -1,8 +1,8 @@
-"""Measure what places decide, beside soft feedback on the same motion and readings: for docs/figures/places.md.
+"""Measure what places decide, beside soft feedback on the same motion and readings.
 
-    python benchmarks/places_outcomes.py --out out/places --page docs/figures/places.md
+    python benchmarks/places_outcomes.py --out out/places
 
-measures every case of ``places_cases.py``, about an hour of one core, and writes the tables into the page. A case that
+measures every case of ``places_cases.py``, about an hour of one core, and prints the tables. A case that
 OUT holds is not measured again, so that a measurement that was cut off goes on. ``--tables reached,patterns`` and
 ``--cases "poor gyro"`` measure some, ``--runs`` and ``--seed`` others than ``places_cases.RUNS``.
 
@@ -42,7 +42,6 @@ def main() -> None:
     parser.add_argument("--runs", type=int, help="of each cell")
     parser.add_argument("--seed", type=int)
     parser.add_argument("--out", type=Path, required=True, help="folder of one CSV file per case")
-    parser.add_argument("--page", type=Path, help="write the tables into this page, between its marks")
     parser.add_argument("--tables", default=",".join(TABLES), help="separated by commas")
     parser.add_argument("--cases", help="separated by semicolons; default: all of these tables")
     given = parser.parse_args()
@@ -59,11 +58,7 @@ def main() -> None:
                 write_file(file, csv_bytes(measured(name, case, runs, seed)))
             files += [file] if file.exists() else []
         if files:
-            text = markdown(pl.concat([pl.read_csv(file) for file in files]), table)
-            print(text, flush=True)
-            if given.page is not None:
-                page = filled(given.page.read_text(encoding="utf-8"), table, text)
-                given.page.write_text(page, encoding="utf-8", newline="\n")
+            print(markdown(pl.concat([pl.read_csv(file) for file in files]), table), flush=True)
 
 
 def measured(name: str, case: Case, runs: int, seed: int) -> pl.DataFrame:
@@ -193,15 +188,6 @@ def markdown(found: pl.DataFrame, table: str) -> str:
 def cell(row: dict[str, float]) -> str:
     """Return the words of one row."""
     return f"{row['time_s']:.0f}/{row['wrong']:.1f}+-{row['wrong_half']:.1f}/{row['undecided']:.0f}"
-
-
-def filled(page: str, name: str, text: str) -> str:
-    """Return a page with the text between two marks replaced."""
-    before, mark, rest = page.partition(f"<!-- made: {name} -->\n")
-    if not mark:
-        return page
-    _, end, after = rest.partition("<!-- end -->")
-    return f"{before}{mark}{text}{end}{after}"
 
 
 if __name__ == "__main__":

@@ -24,8 +24,8 @@ const bestSection = (page, words) => {
 };
 
 const LISTS = ["commands", "scenario", "glossary", "paper"];
-// Lists and the appendix of figures name everything, and explain little.
-const isList = (page) => LISTS.includes(page) || page.startsWith("figures/");
+// Lists name everything, and explain little.
+const isList = (page) => LISTS.includes(page);
 const isName = (words) => words.some((word) => word.includes("_"));
 
 var Scorer = {

@@ -234,7 +234,7 @@ def test_it_is_a_sensor() -> None:
 
 
 def test_the_energies_are_near_the_recordings() -> None:
-    """Rates of the study's robots at theta_E 1.55 (issue and docs/figures/vibration.md), on floors at random."""
+    """Rates of the study's robots at theta_E 1.55, on floors at random."""
     positive, negative = error_rates(scenario().with_values({"sensor.rms_threshold": 1.55}).sensor)
     assert positive == pytest.approx(0.11, abs=0.03)
     assert negative == pytest.approx(0.22, abs=0.05)

@@ -167,7 +167,7 @@ SINGLE = {
     "variance": 2e-6, "kurtosis": 3e-6, "crossings_hz": 1e-7, "band": 2e-4, "peak_hz": 3e-7, "peak_height": 2e-6,
     "peak_magnitude": 1e-7,
 }  # fmt: skip
-"""Largest relative difference of each feature in single precision (docs/figures/vibration.md)."""
+"""Largest relative difference of each feature in single precision."""
 
 
 def test_c_is_as_python(exported: Any) -> None:

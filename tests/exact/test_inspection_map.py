@@ -73,7 +73,7 @@ def test_a_spread_of_3_cm_on_tiles_of_10_cm_costs_no_brier_score() -> None:
 def test_a_spread_of_half_a_tile_leaves_single_tiles_far_off() -> None:
     found = compared(0.1, 0.05, 100)
     assert found["ratio"] < 1.05
-    assert 0.3 < found["worst"] < 0.7  # docs/figures/inspect.md says so
+    assert 0.3 < found["worst"] < 0.7
 
 
 def test_the_order_of_samples_does_not_matter() -> None:

@@ -293,7 +293,7 @@ def test_a_curve_may_end_below_one_and_above_90_percent() -> None:
 @pytest.mark.slow
 @pytest.mark.long
 def test_a90_95_holds_where_the_curve_ends_just_above_90_percent() -> None:
-    """By one degree of freedom it was too small in 7 of 60; docs/figures/inspect.md has 200 fits."""
+    """By one degree of freedom it was too small in 7 of 60."""
     size_m, false = np.repeat(np.linspace(0.03, 0.30, 14), 60), 0.05
     share = {}
     for top in (0.93, 1.0):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[2]
 """The folder of the checkout."""
 DOCS = ROOT / "docs"
-DOCUMENTS = [ROOT / "README.md", *sorted(DOCS.glob("*.md")), *sorted(DOCS.glob("figures/*.md"))]
+DOCUMENTS = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 BLOCK = re.compile(
     r"^(?:<!-- not run: (?P<why>[^>]+) -->\n+)?```(?P<kind>[^\n]*)\n(?P<text>.*?)^```$",
     flags=re.DOTALL | re.MULTILINE,
@@ -63,7 +63,6 @@ SMALL = {
     "reproduce": ["--runs", "4", "--no-pictures"],
     "lab replay": ["--draws", "4"],
     "calibrate fit": ["--candidates", "40"],
-    "calibrate effect": ["--runs", "100"],
 }
 """What is put in place of what a command says that has these words, so that it takes a moment and not minutes."""
 

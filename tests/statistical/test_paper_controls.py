@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -147,21 +146,6 @@ def test_what_the_controls_change() -> None:
     assert still.robot.full_speed_m_s == pytest.approx(0.05 * free.robot.full_speed_m_s)
     lossy = scenario_of("paper", {"network.name": "loss", "network.loss.share": 0.1}, control="no-messages")
     assert lossy.network.params.share == 1.0
-
-
-PAGE = Path(__file__).parents[2] / "docs" / "figures" / "paper.md"
-
-
-def test_the_table_of_the_page_names_a_control_or_a_reason_for_every_claim_that_is_reproduced() -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    whole = page[page.index("<!-- controls: made by") : page.index("<!-- controls: end -->")]
-    rows = [line.strip("| ").split(" | ") for line in whole.splitlines() if line.startswith("| `")]
-    claims = {claim.id: claim for claim in all_claims()}
-    assert len(rows) > 10
-    for name, changed in rows:
-        controls, reason = re.findall("`(.+?)`", changed), claims[name.strip("`")].no_control
-        assert set(controls) <= set(CONTROLS)
-        assert controls or (reason and changed == f"none: {reason}")
 
 
 def test_a_reason_why_no_control_turns_a_claim_stands_in_the_file() -> None:

@@ -310,7 +310,7 @@ def equivalent(interval: Interval, margin: float) -> bool:
 
     A 95 % interval gives two one-sided tests at 2.5 % each; for tests at 5 % give a 90 % interval. The result is always
     false for an interval of width 0, which says nothing of how differences vary. If a few large differences dominate
-    the mean, the tests are wrong more often than at these levels (docs/figures/statistics.md).
+    the mean, the tests are wrong more often than at these levels.
 
     Raises:
         InputError: a margin that is not above 0.

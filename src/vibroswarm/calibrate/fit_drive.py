@@ -22,7 +22,7 @@ therefore matched to the robots of the first session by speed and veer, minimisi
 units of ``APART``.
 
 Robots that are alike are matched to whichever looks most alike, so that their variation between sessions comes out too
-small (docs/figures/calibration.md): by 9 % for five robots 2 mm/s apart, by half for twenty. The means of sessions need
+small: by 9 % for five robots 2 mm/s apart, by half for twenty. The means of sessions need
 no match, but an estimate from these few numbers is further off.
 
 Variation of speed within a robot is taken as independent between samples, but not for the error of v_0: real speeds also

@@ -27,7 +27,7 @@ divided by its standard deviation over the real sessions, so that seconds and me
 is the unit: H is the mean over pairs of sessions, and its interval is over sessions of both kinds (``over_sessions``);
 among the real sessions it is Student's with the pseudo-values of the jackknife, since their pairs overlap. That is a
 variance between sessions, whose law is skewed: these limits hold the truth in 83 to 97 % of cases, and where they do
-not they are too low (docs/figures/calibration.md).
+not they are too low.
 """
 
 from __future__ import annotations
