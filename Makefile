@@ -39,7 +39,7 @@ lint: $(VENV)/dev.done
 	$(BIN)/lint-imports
 
 bench: $(VENV)/dev.done
-	$(BIN)/python benchmarks/stage_timing.py --peers
+	$(BIN)/python benchmarks/stage_timing.py
 	$(BIN)/python benchmarks/stage_ratios.py
 	$(BIN)/python benchmarks/page_frame.py
 

@@ -53,9 +53,9 @@ class Seeded:
         return float(self.rng.uniform(low, high))
 
 
-def random_scenario(seed: int, number: int, robot_steps: int = ROBOT_STEPS) -> Scenario:
+def random_scenario(seed: int, number: int) -> Scenario:
     """Scenario ``number`` of a seed."""
-    return fitted(random_values(Seeded(seed, number)), robot_steps)
+    return fitted(random_values(Seeded(seed, number)))
 
 
 def random_values(choose: Choice, ray_counts: Sequence[int] = RAY_COUNTS) -> dict[str, Any]:

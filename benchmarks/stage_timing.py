@@ -1,6 +1,6 @@
-"""CPU time of motion (both engines), observation and inference, compared with the fixed-step engine and with peers.
+"""CPU time of motion (both engines), observation and inference, compared with the fixed-step engine.
 
-    python benchmarks/stage_timing.py [--robots 5,10,100,1000] [--runs 16] [--peers] [--json]
+    python benchmarks/stage_timing.py [--robots 5,10,100,1000] [--runs 16] [--json]
 
 Compared tasks alternate (A B A B ...), so that a change of machine speed affects all of them; ratios are taken turn
 by turn. CPU time is that of the whole process with all its threads.
@@ -24,7 +24,6 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
-from pymunk_walk import INSTALL, pymunk_version, pymunk_walk
 from vibroswarm.cli.deliver import print_document, print_json, print_paragraph
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer, replay_to_end
@@ -100,8 +99,6 @@ class Report:
     how: str
     machine: dict[str, Any]
     versions: dict[str, str]
-    missing: dict[str, str]
-    """Requested peers that are not installed, and how to install them."""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -114,7 +111,6 @@ class Report:
             "versions": self.versions,
             "figures": [figure.as_dict() for figure in self.figures],
             "grid_of_34_strategies_ratio": self.grid_ratio,
-            "missing_peers": self.missing,
         }
 
 
@@ -127,21 +123,18 @@ class Work(NamedTuple):
     call: Callable[[int], object]
 
 
-def measure(robots: Sequence[int] = ROBOTS, runs: int = RUNS, *, peers: bool = False) -> Report:
+def measure(robots: Sequence[int] = ROBOTS, runs: int = RUNS) -> Report:
     """Measure motion for each number of robots, then observation and inference with the first of them.
 
     Args:
         runs: per turn, for up to 10 robots; fewer for more.
-        peers: also measure installed peers.
     """
-    pymunk = pymunk_version() if peers else None
     scenarios = [scenario_of(count) for count in robots]
     if max(robots) > ARENA_ROBOTS:
         scenarios.append(scenario_of(10, 1.4))  # reference for the cost of a robot-second
     figures: list[Figure] = []
     for scenario in scenarios:
-        works = engines(scenario, runs) + ([peer(scenario)] if pymunk else [])
-        figures += compared(scenario, works)
+        figures += compared(scenario, engines(scenario, runs))
     stages, grid_ratio = stages_of(scenario_of(robots[0]), runs)
     return Report(
         figures=(*figures, *stages),
@@ -149,8 +142,7 @@ def measure(robots: Sequence[int] = ROBOTS, runs: int = RUNS, *, peers: bool = F
         runs=runs,
         how=how(runs),
         machine=machine(),
-        versions=dict(versions()) | ({"pymunk": pymunk} if pymunk else {}),
-        missing={"pymunk": INSTALL} if peers and not pymunk else {},
+        versions=dict(versions()),
     )
 
 
@@ -172,12 +164,6 @@ def engines(scenario: Scenario, runs: int) -> list[Work]:
 
     end_s = scenario.run.t_end_s
     return [Work(name, some, end_s, partial(moved, name)) for name in ("event", "fixed-step")]
-
-
-def peer(scenario: Scenario) -> Work:
-    """The walk in pymunk, for a shorter simulated time."""
-    simulated_s = max(0.5, 100.0 / scenario.swarm.robots)
-    return Work("pymunk", 1, simulated_s, partial(pymunk_walk, scenario, simulated_s=simulated_s))
 
 
 def in_turns(works: Sequence[Work]) -> list[tuple[float, ...]]:
@@ -292,11 +278,7 @@ def cpu_model() -> str:
 def print_report(report: Report) -> None:
     """Print versions, machine, method and figures."""
     machine, versions = report.machine, report.versions
-    packages = ", ".join(
-        f"{name} {versions[name]}"
-        for name in ("python", "numpy", "numba", "polars", "pymunk")
-        if name in versions
-    )
+    packages = ", ".join(f"{name} {versions[name]}" for name in ("python", "numpy", "numba", "polars"))
     print(f"vibroswarm {versions['vibroswarm']} (code {versions['code']}), {packages}")
     print(f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}")
     print_paragraph(report.how)
@@ -309,8 +291,6 @@ def print_report(report: Report) -> None:
         f"\n34 strategies (3; soft with 8 eta x 4 kappa) on one motion cost {report.grid_ratio:.2f} times as much as "
         "one strategy with its motion"
     )
-    for peer, install in report.missing.items():
-        print(f"{peer} is not installed: {install}")
 
 
 def print_figures(figures: list[Figure]) -> None:
@@ -364,10 +344,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=RUNS,
         help=f"runs per turn; more give steadier figures (default {RUNS})",
     )
-    parser.add_argument("--peers", action="store_true", help="also measure installed peers: pymunk")
     parser.add_argument("--json", action="store_true", help="print JSON and nothing else on stdout")
     chosen = parser.parse_args(arguments)
-    report = measure(chosen.robots, chosen.runs, peers=chosen.peers)
+    report = measure(chosen.robots, chosen.runs)
     if chosen.json:
         print_json(report.as_dict())
     else:

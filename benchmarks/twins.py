@@ -73,11 +73,6 @@ class Verdict(NamedTuple):
         """Whether the engines differ, and rounding does not explain it."""
         return not self.found.same and self.twin is None
 
-    @property
-    def is_chaotic(self) -> bool:
-        """Whether the engines differ, and so does one engine from itself."""
-        return not self.found.same and self.twin is not None
-
 
 def judge(scenario: Scenario, seed: int, run: int) -> Verdict:
     """Both engines on one run; where they differ, twins of the fixed-step engine beside it."""

@@ -2,7 +2,7 @@
 
 Not alike: the same. Both read clocks and rays at the ticks and move on exact arcs between them, with the same
 draws; only rounding differs, by some 10^-12 m. Where rounding grows, as in turns that are not stable, no two accounts
-of a run are the same for long; ``twins`` says where. A longer check is ``benchmarks/exactness.py``.
+of a run are the same for long; ``twins`` says where.
 """
 
 from __future__ import annotations
@@ -186,7 +186,6 @@ def test_wide_scenarios_draw_every_field_that_motion_depends_on():
 @pytest.mark.slow
 @pytest.mark.parametrize("block", range(3))
 def test_wide_scenarios_are_identical_but_where_rounding_grows(block):
-    """The long check is ``benchmarks/exactness.py --random``."""
     same = 0
     for number in range(60 * block, 60 * (block + 1)):
         scenario = fitted(random_values(Seeded(7, number), RAY_COUNTS), robot_steps=50_000)

@@ -229,7 +229,6 @@ def killed(study: Path, folder: Path, executor: str, after_s: float) -> Any:
 def test_a_study_killed_and_resumed(
     what: str, executor: str, kills: int, alone: StudyResult, alone_until: StudyResult, tmp_path: Path
 ) -> None:
-    """The long check is benchmarks/kills.py."""
     study, whole = (STUDY, alone) if what == "runs" else (UNTIL, alone_until)
     dice, file, folder = random.Random(5), tmp_path / "a study.toml", tmp_path / "a folder"
     file.write_text(study.to_toml())

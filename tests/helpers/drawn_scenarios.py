@@ -13,7 +13,7 @@ from vibroswarm.robot.walk import TIMERS
 from vibroswarm.scenario.scenario import Scenario
 
 RAY_COUNTS = (3, 3, 4)
-"""As many as other tests compile engines for, which takes half a minute each; ``exactness`` draws 1 to 9."""
+"""As many as other tests compile engines for, which takes half a minute each; ``random_scenarios`` draws 1 to 9."""
 FLOORS: dict[str, dict[str, Any]] = {
     "filling": {},
     "border": {
