@@ -172,8 +172,6 @@ class Work:
         label: str,
         first: Hashable,
         second: Hashable,
-        *,
-        check: bool = True,
     ) -> list[Row]:
         """Return the rows of ``change`` for several figures of two cells.
 
@@ -181,7 +179,7 @@ class Work:
             figures: name of the figure, by what claims name.
         """
         return [
-            self.change(value_name, column, label, name, first, second, check=check)
+            self.change(value_name, column, label, name, first, second)
             for value_name, name in figures.items()
         ]
 
