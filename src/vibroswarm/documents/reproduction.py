@@ -129,8 +129,8 @@ _PRINTED: Final = (
 _CAPTIONS: Final = {
     "claim": "Claims of the paper, with the measured value and its corrected interval, or the range of several. "
     "Command: `{}`",
-    "check": "Checks, which do not count as verdicts: constants of a preset, two numbers of the paper, one search, or "
-    "ours against ours. Command: `{}`",
+    "check": "Checks, which do not count as verdicts: constants of a preset, two numbers of the paper, or one search. "
+    "Command: `{}`",
 }
 """Captions of the tables of verdicts, by kind of claim; {} becomes the command of the reproduction."""
 _TONES: Final[dict[str, Tone]] = {

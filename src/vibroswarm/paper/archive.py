@@ -4,7 +4,7 @@
 |---|---|
 | archive.json | format, settings, versions, items, the SHA-256 of each other entry |
 | scenarios/HASH.toml | all scenarios |
-| cells.csv | one row per cell: scenario, seed, engine, runs, digest of its table of robots, its figures, its command |
+| cells.csv | one row per cell: scenario, seed, runs, digest of its table of robots, its figures, its command |
 | robots.csv | the table of robots of the first runs of each cell |
 | measured.csv | the values that decided the claims |
 | claims.csv, intervals.csv | the verdicts, and the intervals behind them |
@@ -103,9 +103,7 @@ def cell_row(cell: Cell, results: CellResults) -> dict[str, Any]:
         "key": cell.key,
         "column": cell.column,
         "scenario": cell.scenario.hash,
-        "block": cell.block,
-        "seed": cell.seed(results.seed),
-        "motion": cell.motion,
+        "seed": results.seed,
         "runs": result.row["runs"],
         "digest": result.digest,
         **{name: result.row[name] for name in FIGURES},

@@ -1,6 +1,6 @@
 """Run the cells of the reproduction: a cell is one scenario that is run many times.
 
-Cells of all items that have the same seed, engine and number of runs are one study. A study simulates motion only once
+Cells of all items that have the same number of runs are one study. A study simulates motion only once
 for cells that share it. It also saves finished work, so that a second call continues it.
 """
 
@@ -28,7 +28,6 @@ from vibroswarm.inference.outcomes import ROBOTS, Columns, as_series, capped_tim
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.scenario.scenario import Scenario, differences, preset
 from vibroswarm.study.batch_table import WALK
-from vibroswarm.study.cell_comparison import second_seed
 from vibroswarm.study.run import run
 from vibroswarm.study.runner import StudyProgress
 from vibroswarm.study.spec import Study
@@ -50,29 +49,21 @@ READ: Final = (
 
 @dataclass(frozen=True)
 class Cell:
-    """One scenario and how it is run.
+    """One scenario and how often it is run.
 
     Args:
         column: preset of the reproduction that the scenario belongs to.
-        block: 0: runs with the seed of the reproduction; 1: with a second seed derived from it, for fresh runs.
-        motion: name of the engine.
         runs: upper limit of the number of runs; None: the number of the reproduction.
     """
 
     column: str
     scenario: Scenario
-    block: int = 0
-    motion: str = "event"
     runs: int | None = None
 
     @cached_property
     def key(self) -> str:
         """Identifier: in a reproduction, cells with equal keys have equal results. The column is not part of it."""
-        return f"{self.scenario.hash}-{self.block}-{self.motion}-{self.runs or 'all'}"
-
-    def seed(self, seed: int) -> int:
-        """Return the seed of the cell's runs, from the seed of the reproduction."""
-        return second_seed(seed) if self.block else seed
+        return f"{self.scenario.hash}-{self.runs or 'all'}"
 
     def command(self, runs: int, seed: int) -> str:
         """Return the command line that runs this cell alone.
@@ -80,8 +71,7 @@ class Cell:
         Args:
             runs, seed: number of runs and seed of the whole reproduction.
         """
-        options = [f"--runs {min(self.runs or runs, runs)}", f"--seed {self.seed(seed)}"]
-        options += [f"--motion {self.motion}"] if self.motion != "event" else []
+        options = [f"--runs {min(self.runs or runs, runs)}", f"--seed {seed}"]
         return " ".join(["vibroswarm evaluate", *options_of(self.column, self.scenario), *options])
 
 
@@ -150,7 +140,7 @@ def run_cells(
 ) -> CellResults:
     """Run the cells whose results are missing in ``folder``, and return the results of all cells.
 
-    Cells with the same seed, engine and number of runs are one study, in a folder of its own below ``folder``.
+    Cells with the same number of runs are one study, in a folder of its own below ``folder``.
 
     Args:
         cells: cells to run; cells with equal keys are run once.
@@ -158,16 +148,15 @@ def run_cells(
         folder: folder of all studies. workers: number of threads; None: one for each processor.
         progress: called with the share of the work that is done, 0 to 1.
     """
-    groups: dict[tuple[int, str, int], dict[str, Cell]] = {}  # cells by key, by (seed, engine, runs)
+    groups: dict[int, dict[str, Cell]] = {}  # cells by key, by number of runs
     for cell in cells:
-        group_key = (cell.seed(seed), cell.motion, min(cell.runs or runs, runs))
-        groups.setdefault(group_key, {}).setdefault(cell.key, cell)
+        groups.setdefault(min(cell.runs or runs, runs), {}).setdefault(cell.key, cell)
     summaries: list[Future[dict[str, CellResult]]] = []
-    weights = [_weight(list(group.values()), group_key) for group_key, group in groups.items()]
+    weights = [_weight(group, own_runs) for own_runs, group in groups.items()]
     before = 0.0  # sum of the weights of the studies that are done
     with ThreadPoolExecutor(1) as reader:  # cells of a study are summarised while the next study runs
-        for (group_key, group), weight in zip(groups.items(), weights, strict=True):
-            study = study_of(group, group_key)
+        for (own_runs, group), weight in zip(groups.items(), weights, strict=True):
+            study = study_of(group, own_runs, seed)
 
             # The default values keep this study's ``before`` and ``weight``.
             def report_progress(now: StudyProgress, before: float = before, weight: float = weight) -> None:
@@ -287,28 +276,24 @@ def digest_of(robots: Columns) -> str:
     return digest.hexdigest()
 
 
-def _weight(cells: list[Cell], how: tuple[int, str, int]) -> float:
+def _weight(cells: Mapping[str, Cell], runs: int) -> float:
     """Return the rough cost of a group of cells, relative to other groups, for the progress bar.
 
     Motion is shared by many cells, so the cost grows slowly with their number: motion counts as 3, and 30 cells count
-    as 1. The fixed-step engine counts as 5 times as slow.
+    as 1.
 
     Args:
-        cells: the cells of the group. how: seed, motion engine and number of runs of these cells.
+        cells: the cells of the group. runs: number of runs of these cells.
     """
-    _, motion, runs = how
-    return (5.0 if motion == "fixed-step" else 1.0) * runs * (3 + len(cells) / 30)
+    return runs * (3 + len(cells) / 30)
 
 
-def study_of(group: Mapping[str, Cell], how: tuple[int, str, int]) -> Study:
+def study_of(group: Mapping[str, Cell], runs: int, seed: int) -> Study:
     """Return the study with these cells, in order, labelled with their keys.
 
     Args:
-        group: the cells by key. how: seed, motion engine and number of runs of these cells.
+        group: the cells by key. runs: number of runs of these cells. seed: seed of the reproduction.
     """
-    seed, motion, runs = how
     scenarios = {key: cell.scenario for key, cell in group.items()}
-    study = Study.of_scenarios(
-        scenarios, runs, seed, motion=motion, base=preset(COLUMNS[0]), name="The paper's cells"
-    )
+    study = Study.of_scenarios(scenarios, runs, seed, base=preset(COLUMNS[0]), name="The paper's cells")
     return replace(study, command="reproduce")

@@ -51,7 +51,7 @@ dependent claims (in the tests). A claim keeps the verdict of the level at which
 never "reproduced".
 
 A **check** (``kind = "check"``) is no claim about robots. It compares a preset's constant with the paper's text, or two
-numbers of the paper, or two results of this software. The same rules apply to checks, in a family of their own (a
+numbers of the paper. The same rules apply to checks, in a family of their own (a
 family is the set of claims that are corrected together). A check passes, fails or stays open, and is not counted as a
 verdict.
 """

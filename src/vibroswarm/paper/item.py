@@ -78,7 +78,7 @@ class Settings(NotebookView):
         return scenario_of(column, values, parameter_set=parameter_set, control=self.control)
 
     def cell(self, column: str, values: dict[str, Any] | None = None, *, parameter_set: str = "P*") -> Cell:
-        """Return the cell with the scenario of a column (``scenario``), the default engine and all runs."""
+        """Return the cell with the scenario of a column (``scenario``) and all runs."""
         return Cell(column, self.scenario(column, values, parameter_set=parameter_set))
 
 
