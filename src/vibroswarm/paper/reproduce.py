@@ -261,7 +261,7 @@ class _MissingItems:
             wanted: cells to run.
         """
         without_cells = [item for item in self.items if not self.cells[item.name]]
-        # In reverse order the searches for parameters come first. Their kernels run without Python's global lock, which
+        # In reverse order the search for parameters comes first. Its kernels run without Python's global lock, which
         # the main thread needs at the beginning to plan the cells.
         without_cells.reverse()
         in_background = without_cells if wanted and (self.settings.workers or processors()) > 1 else []

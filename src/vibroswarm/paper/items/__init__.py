@@ -38,7 +38,6 @@ def all_items() -> tuple[Item, ...]:
         example_run.ITEM,
         side_claims.ITEM,
         feedback.SHARING,
-        search.SEARCH_REPEATS,
         experiment_accuracy.ITEM,
         hidden_threshold.ITEM,
         unseen_session.ITEM,

@@ -1,14 +1,7 @@
-"""Items 3 and 14: the paper's search by particle swarm, with its optimum and validated costs; and repeated searches.
+"""Item 3: the paper's search by particle swarm, with its optimum and validated costs.
 
 A score is a cost as the search estimates it, from few runs; the validated ("true") cost of a parameter set is estimated
-on fresh runs. The course of a single search is partly chance, so item 14 repeats shorter searches and summarises each:
-
-| name | symbol | equation |
-|---|---|---|
-| personal best of particle i after iteration k | b_ik | the lowest of its scores so far |
-| gap after iteration k | g_k | mean of b_ik over particles i, minus the smallest b_ik |
-| remaining gap | - | g_last / g_first |
-| change of the mean cost | - | mean over the last fifth of the iterations / mean over the first fifth - 1 |
+on fresh runs.
 
 The measured values of the claims are rows of ``claims.MEASURED``.
 """
@@ -17,13 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, Final
 
-import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import Interval, columns_of, mean_interval
+from vibroswarm.analysis.intervals import Interval, columns_of
 from vibroswarm.optimize import (
     Found,
     Objective,
@@ -36,10 +27,10 @@ from vibroswarm.optimize import (
     run_search,
     truth_of,
 )
-from vibroswarm.paper.claim_values import Row, exact, frame, mean, of_interval
+from vibroswarm.paper.claim_values import Row, exact, frame, of_interval
 from vibroswarm.paper.columns import parameters, published
 from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work, picture
-from vibroswarm.plots import draw_error_bars, draw_parameters, draw_search
+from vibroswarm.plots import draw_parameters, draw_search
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.document import Column
 from vibroswarm.study.spec import Study
@@ -231,169 +222,6 @@ SEARCH: Final = Item(
                 "true": Column("true", limits=("true_low", "true_high")),
                 "less": Column("winner - this", limits=("less_low", "less_high")),
                 "runs": Column("fresh runs"),
-            },
-        ),
-    ),
-)  # fmt: skip
-
-PARTICLES: Final = 10
-"""Particles of a short search."""
-ITERATIONS: Final = 12
-"""Most iterations of a short search."""
-LEAST_ITERATIONS: Final = 6
-"""Fewest iterations for a verdict: in shorter searches the first and the last fifth are next to each other."""
-RUNS_A_SHORT_ITERATION: Final = 80
-"""A short search gets one iteration for this many runs per cell of the reproduction, up to ``ITERATIONS``."""
-RUNS_A_SEARCH: Final = 250
-"""There is one short search for this many runs per cell of the reproduction: 1000 runs give 4 searches."""
-FIFTH: Final = 0.2
-"""Share of the iterations at the beginning, and at the end, over which mean costs are averaged."""
-
-
-def searches_of(settings: Settings) -> list[Search]:
-    """Return the short searches: the paper's search with fewer particles and iterations, each with a seed of its own.
-
-    There are at least two searches, because standard errors are computed from the differences between searches.
-    """
-    full = search_of(settings)
-    iterations = min(ITERATIONS, max(2, settings.runs // RUNS_A_SHORT_ITERATION))
-    pso = replace(full.pso, particles=PARTICLES, iterations=iterations)
-    # The paper's search (item 3) has the seed ``settings.seed``; the short searches have the next seeds.
-    return [
-        replace(full, pso=pso, study=replace(full.study, seed=settings.seed + 1 + place))
-        for place in range(max(2, settings.runs // RUNS_A_SEARCH))
-    ]
-
-
-def compute_repeats(work: Work) -> Tables:
-    """Run the short searches one after the other; return histories, summaries, and the claims' measured values."""
-    histories: list[pl.DataFrame] = []
-    rows: list[dict[str, Any]] = []
-    searches = searches_of(work.settings)
-    for place, search in enumerate(searches):
-        search_result = run_search(
-            search,
-            work.folder / search.hash,
-            workers=work.settings.workers,
-            mixed=True,  # a search that another version began is continued
-            # The default value keeps this search's ``place``.
-            progress=lambda now, place=place: work.progress(  # type: ignore[misc]
-                (place + now.share) / len(searches)
-            ),
-        )
-        histories.append(_history(search_result, place))
-        rows.append(
-            {"search": place, "seed": search.seed, "runs": search_result.runs, **_summary(search_result)}
-        )
-    table = pl.DataFrame(rows, infer_schema_length=None)
-    return {
-        "history": pl.concat(histories),
-        "searches": table,
-        CLAIMS: frame(list(_measured_repeats(table, searches[0].pso.iterations))),
-    }
-
-
-def _summary(found: Found) -> dict[str, float]:
-    """Return the summary of one search: its lowest score, its gaps, and its mean costs.
-
-    gap_first, gap_last and gap_left are g_first, g_last and their ratio; cost_first and cost_last are the mean costs
-    over the first and over the last fifth of the iterations, and cost_change is their relative change.
-    """
-    personal_best = np.array([iteration.personal for iteration in found.history])  # (iterations, particles)
-    gaps = personal_best.mean(axis=1) - personal_best.min(axis=1)
-    costs = np.array([iteration.mean for iteration in found.history])
-    fifth = max(round(FIFTH * costs.size), 1)
-    return {
-        "best": float(personal_best[-1].min()),
-        "gap_first": float(gaps[0]),
-        "gap_last": float(gaps[-1]),
-        "gap_left": float(gaps[-1] / gaps[0]),
-        "cost_first": float(costs[:fifth].mean()),
-        "cost_last": float(costs[-fifth:].mean()),
-        "cost_change": float(costs[-fifth:].mean() / costs[:fifth].mean() - 1.0),
-    }
-
-
-def _history(found: Found, place: int) -> pl.DataFrame:
-    """Return one row for each iteration of search number ``place``.
-
-    Columns: search; iteration; best, the lowest personal best; personal, the mean of the personal bests; mean, the mean
-    score of all particles.
-    """
-    rows = [
-        (place, iteration.number, min(iteration.personal), float(np.mean(iteration.personal)), iteration.mean)
-        for iteration in found.history
-    ]
-    kinds = dict.fromkeys(("search", "iteration"), pl.Int64) | dict.fromkeys(
-        ("best", "personal", "mean"), pl.Float64
-    )
-    return pl.DataFrame(rows, schema=kinds, orient="row")
-
-
-def _measured_repeats(table: pl.DataFrame, iterations: int) -> Iterator[Row]:
-    """Yield the measured values of the claims about searches: means over the short searches.
-
-    Args:
-        table: summaries, one row per search. iterations: number of iterations of each search.
-    """
-    too_short = (
-        None
-        if iterations >= LEAST_ITERATIONS
-        else f"each search took fewer than {LEAST_ITERATIONS} iterations"
-    )
-    for value_name, name in (("gap-of-bests-left", "gap_left"), ("change-of-mean-cost", "cost_change")):
-        cell = f"{table.height} short searches"
-        yield mean(value_name, COLUMN, cell, table[name].to_numpy(), cannot=too_short)
-
-
-def pictures_of_repeats(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield the picture of the costs over the iterations (``LINES``), with intervals over the short searches."""
-    rows = [  # ``str``, because polars gives keys the static type "object"
-        (float(str(iteration)), label, *mean_interval(part[name].to_numpy())[:3])
-        for name, label in LINES.items()
-        for (iteration,), part in tables["history"].group_by("iteration", maintain_order=True)
-    ]
-    points = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high"], orient="row")
-    yield picture(
-        "search-repeats", "Costs over the iterations of short searches", draw_error_bars, points,
-        x_label="iteration", label="cost as the search estimates it (mean + sd)",
-        interval="95 % interval over searches",
-    )  # fmt: skip
-
-
-LINES: Final = {
-    "mean": "mean of all particles",
-    "personal": "mean of the personal bests",
-    "best": "best of all",
-}
-"""Columns of ``_history`` that are drawn, with their labels."""
-
-
-SEARCH_REPEATS: Final = Item(
-    number=14,
-    name="search-repeats",
-    title="The search, several times",
-    about=(
-        f"A search gives one value, whatever its particles: the error is over searches. One of the paper's "
-        f"size takes 15,000 runs, so short ones replace it, with {PARTICLES} particles and {ITERATIONS} "
-        f"iterations (fewer with fewer runs per cell), one for each {RUNS_A_SEARCH} runs per cell. So few are rarely "
-        "conclusive; `--only search-repeats --runs 10000` has 40. The whole search is item 3.",
-        "Personal bests can only fall, and each is the lowest of its noisy scores: that they approach each other "
-        "is partly due to this rule, not to the particles.",
-    ),
-    compute=compute_repeats,
-    pictures=pictures_of_repeats,
-    shown=(
-        TableView(
-            "searches",
-            "Each short search, with the costs as it estimated them.",
-            {
-                "search": Column("search"), "seed": Column("seed"), "runs": Column("runs"),
-                "best": Column("best of all"),
-                "gap_first": Column("personal bests above it, first"), "gap_last": Column("last"),
-                "gap_left": Column("left", share=True),
-                "cost_first": Column("mean cost, first fifth"), "cost_last": Column("last fifth"),
-                "cost_change": Column("change", share=True),
             },
         ),
     ),
