@@ -19,7 +19,6 @@ def all_items() -> tuple[Item, ...]:
         experiments,
         feedback,
         fill_ratios_and_sizes,
-        hidden_threshold,
         patterns,
         search,
         side_claims,
@@ -39,7 +38,6 @@ def all_items() -> tuple[Item, ...]:
         side_claims.ITEM,
         feedback.SHARING,
         experiment_accuracy.ITEM,
-        hidden_threshold.ITEM,
         unseen_session.ITEM,
     )
 
