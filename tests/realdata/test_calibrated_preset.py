@@ -5,7 +5,6 @@ The recordings stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from vibroswarm.calibrate.fit_drive import fit_drive
 from vibroswarm.calibrate.interval_classifier import same_robots
 from vibroswarm.calibrate.real_vs_simulated import Comparison, _similarities, compare
 from vibroswarm.calibrate.similarity import RealCache
-from vibroswarm.paper.columns import AUTHORS, EMPIRICAL, REAL, read_recordings, real_floor, scenario_of
+from vibroswarm.paper.columns import AUTHORS, EMPIRICAL, read_recordings, real_floor, scenario_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset, value_of
@@ -52,15 +51,6 @@ def authors(real: Recording, known: RealCache, recordings: Path) -> Comparison:
 @pytest.fixture(scope="module")
 def ours(real: Recording, known: RealCache) -> list[Comparison]:
     return [compare(real, simulated(seed), known) for seed in SEEDS]
-
-
-def test_recordings_are_read_again_only_if_a_file_has_changed(recordings: Path, tmp_path: Path) -> None:
-    folder = shutil.copytree(recordings, tmp_path / "copy")
-    first = read_recordings(folder, REAL)
-    assert read_recordings(folder, REAL) is first
-    log = folder / REAL[0]
-    log.write_text("".join(log.read_text().splitlines(keepends=True)[:-200]))
-    assert read_recordings(folder, REAL).motion.height < first.motion.height
 
 
 def alike(found: list[Comparison]) -> dict[str, float]:

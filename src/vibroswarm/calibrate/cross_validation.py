@@ -10,7 +10,7 @@ simulated sessions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any, Final
@@ -124,16 +124,15 @@ def on_floor(base: Scenario, floor: Floor) -> Scenario:
     )
 
 
-def simulated_by(fitted: Fit, floor: Floor, seed: int, sessions: int, values: Mapping[str, Any]) -> Dataset:
+def simulated_by(fitted: Fit, floor: Floor, seed: int, sessions: int) -> Dataset:
     """Simulate sessions with a fitted scenario on a floor, and return them with the samples where its camera sees them.
 
     Positions of real sessions are those that their camera saw. Only the samples are moved, not the other tables.
 
     Args:
-        seed, sessions: of the simulations, and their number. values: fields of the scenario that are changed.
+        seed, sessions: of the simulations, and their number.
     """
-    scenario = on_floor(fitted.scenario, floor).with_values(values)
-    dataset = dataset_of([simulate(scenario, seed, sessions)])
+    dataset = dataset_of([simulate(on_floor(fitted.scenario, floor), seed, sessions)])
     return replace(dataset, samples=dataset.seen_by(fitted.camera))
 
 
@@ -194,7 +193,7 @@ def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit, other: Datas
         other: sessions of another simulator; None: there is no other simulator.
     """
     # Each fold has a seed of its own, so that its simulations are independent of those of the other folds.
-    simulated = simulated_by(fitted, found.floors[session], _SEED + session, SIMULATED, {})
+    simulated = simulated_by(fitted, found.floors[session], _SEED + session, SIMULATED)
     held_out = found.only([session]).samples
     threshold = fitted.scenario.sensor.rms_threshold
     scores = tuple(_score(feature, held_out, simulated, rest, other) for feature in FEATURES)

@@ -247,16 +247,9 @@ def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
     row["belief_in_truth_bar"] = float(belief.std()) / math.sqrt(runs) if belief.size else None
     for name in ("robots_right", "robots_wrong", "robots_undecided", "swarm_right", "swarm_wrong"):
         row |= columns_of(name, interval(name, figures, t_end_s=t_end_s))
-    # avoidance per sample, and distance between samples
-    return row | means_of({name: figures[name] for name in ("avoid_per_sample_s", "distance_m")})
-
-
-def means_of(figures: Figures) -> dict[str, float | None]:
-    """Return the mean NAME of each figure over runs, with its 95 % interval NAME_low and NAME_high."""
-    found: dict[str, float | None] = {}
-    for name, values in figures.items():
-        found |= columns_of(name, mean_interval(values))
-    return found
+    for name in ("avoid_per_sample_s", "distance_m"):  # avoidance per sample, and distance between samples
+        row |= columns_of(name, mean_interval(figures[name]))
+    return row
 
 
 def digest_of(robots: Columns) -> str:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from functools import cache, lru_cache
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
@@ -262,11 +262,5 @@ def read_recordings(folder: Path, names: tuple[str, ...]) -> Recording:
     The files must exist, see ``missing``. Fields of the recording's scenario that neither the logs nor the floor
     determine have the values of preset ``paper``.
     """
-    return _recording(folder, names, hash_of(folder))
-
-
-@lru_cache(maxsize=2)  # the real robots and the authors' simulator, which two items compare
-def _recording(folder: Path, names: tuple[str, ...], contents: str) -> Recording:
-    """Read a recording; ``contents`` is the hash of the files (``hash_of``), so that changed ones are read again."""
     floor = Floor.filling(read_tiles(folder / FLOOR, SIZE), name=FLOOR)
     return recording_of([read_log(folder / name) for name in names], floor, preset("paper"))

@@ -39,8 +39,8 @@ def command_of(settings: Settings, *items: str) -> str:
     words += [f"--runs {settings.runs}", f"--seed {settings.seed}"]
     words += [f"--columns {','.join(settings.columns)}"] if settings.columns != COLUMNS else []
     words += [f"--control {settings.control}"] if settings.control else []
-    # Only these items need the recordings.
-    recorded = not items or not {"calibration", "unseen-session"}.isdisjoint(items)
+    # Only this item needs the recordings.
+    recorded = not items or "calibration" in items
     words += ["--recordings DIR"] if settings.recordings and recorded else []
     return " ".join([*words, "--out DIR"])
 

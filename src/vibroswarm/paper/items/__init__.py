@@ -22,7 +22,6 @@ def all_items() -> tuple[Item, ...]:
         patterns,
         search,
         side_claims,
-        unseen_session,
     )
 
     return (
@@ -38,7 +37,6 @@ def all_items() -> tuple[Item, ...]:
         side_claims.ITEM,
         feedback.SHARING,
         experiment_accuracy.ITEM,
-        unseen_session.ITEM,
     )
 
 
