@@ -13,7 +13,7 @@ from vibroswarm.cli.options import Drawn, Workers
 from vibroswarm.cli.progress import labelled_progress_bar
 from vibroswarm.core.atomic_io import folder_lock, make_folder
 from vibroswarm.core.numbers import count
-from vibroswarm.errors import InputError, check_choice, named
+from vibroswarm.errors import InputError, check_choice
 
 if TYPE_CHECKING:
     from vibroswarm.paper.item import Settings
@@ -44,9 +44,6 @@ def reproduce(
             "false-positives, standstill, no-messages or losses; or physics: energies from vibrating tiles, not laws"
         ),
     ] = None,
-    archive: Annotated[
-        Path | None, Option("also write scenarios, seeds, versions and results to ZIP", "ZIP")
-    ] = None,
     output: Drawn,
 ) -> None:
     """Compute every figure and table of the paper, and report which of its claims hold.
@@ -56,10 +53,8 @@ def reproduce(
     examples:
       vibroswarm reproduce --out out/paper                          everything; run again to resume
       vibroswarm reproduce --only fill-ratios swarm-sizes --runs 200 --out out/some
-      vibroswarm reproduce --out out/paper --archive paper.zip      one file to publish
     """
     from vibroswarm.documents.saved import begin
-    from vibroswarm.paper.archive import write_archive
     from vibroswarm.paper.items import all_items, items_named
     from vibroswarm.paper.reproduce import reproduce as computed
     from vibroswarm.paper.reproduction_tables import TABLES, write_tables
@@ -75,18 +70,11 @@ def reproduce(
     # Items that depend on a changed setting are computed again, so that other settings are no reason to refuse it.
     destination = Destination(output, "reproduce")
     make_folder(out)
-    if archive is not None:
-        refuse(archive.is_dir(), "--archive", f"'{archive}' is a folder; give the name of a file")
-        refuse(not archive.parent.is_dir(), "--archive", f"there is no folder '{archive.parent}'; create it")
     with folder_lock(out):
         begin(out, "reproduce")
         with labelled_progress_bar(f"reproducing {count(len(items), 'item')}") as progress:
-            # An archive holds the cells of all items, also of those whose results are in the folder already.
-            reproduction = computed(settings, out, items, progress, with_cells=archive is not None)
+            reproduction = computed(settings, out, items, progress)
         write_tables(reproduction, out / TABLES)
-        if archive is not None:
-            with named("--archive", of="--out"):
-                write_archive(reproduction, archive)
         destination.deliver(reproduction)
 
 

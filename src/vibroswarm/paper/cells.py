@@ -6,7 +6,6 @@ for cells that share it. It also saves finished work, so that a second call cont
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import shlex
@@ -18,13 +17,12 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.figures import Swarms, figures_of, interval
 from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.core.child_python import processors
-from vibroswarm.inference.outcomes import ROBOTS, Columns, as_series, capped_time_s
+from vibroswarm.inference.outcomes import ROBOTS, Columns, capped_time_s
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.scenario.scenario import Scenario, differences, preset
 from vibroswarm.study.batch_table import WALK
@@ -36,8 +34,6 @@ from vibroswarm.study.study_result import StudyResult
 T = TypeVar("T")
 R = TypeVar("R")
 
-FIRST_RUNS: Final = 10
-"""Runs of each cell whose robots an archive lists one by one."""
 Figures = Mapping[str, NDArray[np.float64]]
 """Figures of each run of a cell, by name, (runs,) each."""
 
@@ -104,10 +100,6 @@ class CellResult:
     """Summary of the cell's figures with their limits, by name, see ``row_of``."""
     figures: Figures
     """Figures of each run, (runs,) each: ``analysis.figures`` and ``WALK``."""
-    digest: str
-    """SHA-256 of the table of robots of all runs."""
-    first: pl.DataFrame
-    """Table of robots of the first ``FIRST_RUNS`` runs."""
 
 
 @dataclass(frozen=True)
@@ -217,10 +209,7 @@ def summarise(
         own_columns = {name: column[k] for name, column in of_robots.items()}
         # Copies, because the result keeps them: views would keep the arrays of all these cells in memory.
         own_figures = {name: column[k].copy() for name, column in figures.items()}
-        first_runs = {name: column[:FIRST_RUNS].ravel() for name, column in own_columns.items()}
-        table = pl.DataFrame([as_series(name, first_runs[name], kind) for name, kind in ROBOTS.items()])
-        row = row_of(own_columns, own_figures, float(t_end_s[k]))
-        return CellResult(row=row, figures=own_figures, digest=digest_of(own_columns), first=table)
+        return CellResult(row_of(own_columns, own_figures, float(t_end_s[k])), own_figures)
 
     return list(map_(cell_result, range(len(cells))))
 
@@ -250,23 +239,6 @@ def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
     for name in ("avoid_per_sample_s", "distance_m"):  # avoidance per sample, and distance between samples
         row |= columns_of(name, mean_interval(figures[name]))
     return row
-
-
-def digest_of(robots: Columns) -> str:
-    """Return the SHA-256 of a table of robots, columns of (runs, robots) each.
-
-    The hash covers the places of missing values, and the values as little-endian numbers of 8 bytes, so that all
-    machines give the same digest.
-    """
-    digest = hashlib.sha256()
-    for name, kind in ROBOTS.items():
-        values = robots[name]
-        missing = np.isnan(values) if values.dtype.kind == "f" else np.zeros(values.shape, dtype=np.bool_)
-        digest.update(name.encode() + b"\0" + missing.tobytes())
-        # Missing values become 0: NaN cannot be an integer, and may have several bit patterns.
-        filled = np.where(missing, 0, values).astype("<f8" if kind.is_float() else "<i8")
-        digest.update(filled.tobytes())
-    return digest.hexdigest()
 
 
 def _weight(cells: Mapping[str, Cell], runs: int) -> float:

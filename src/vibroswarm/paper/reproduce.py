@@ -166,9 +166,6 @@ class Reproduction(NotebookView):
     """The requested items with their tables, in the order of the request; skipped items are included."""
     cells: dict[str, Cell]
     """Cells of the items that were not skipped, by key."""
-    results: CellResults | None
-    """Results of the cells of the items that had to be computed, or of all items with ``with_cells``. None without
-    ``with_cells`` if no item had to be computed."""
 
     def __repr__(self) -> str:
         counts = Counter(one.verdict for one in self.decided)
@@ -188,8 +185,6 @@ def reproduce(
     folder: str | Path,
     items: Sequence[Item] | None = None,
     progress: Progress = lambda what, share: None,
-    *,
-    with_cells: bool = False,
 ) -> Reproduction:
     """Compute the items that are missing in ``folder``, and return the results of all items.
 
@@ -200,8 +195,6 @@ def reproduce(
         settings: options of the reproduction. folder: folder of all saved work.
         items: items to reproduce; None: all items.
         progress: called with the name of the current task and the share of the work that is done, 0 to 1.
-        with_cells: whether to run (or read) the cells of all items, and to return their results, even if no item is
-            missing.
     Raises:
         InputError, RunError: an item's input is invalid, or its work failed; raised by the items.
     """
@@ -217,17 +210,13 @@ def reproduce(
     fingerprints = {item.name: fingerprint(item, settings, cells[item.name]) for item in computable}
     saved = {name: load_tables(folder / ITEMS / name, value) for name, value in fingerprints.items()}
     missing = [item for item in computable if saved[item.name] is None]
-    results = None
-    if missing or with_cells:
-        requested = [
-            cell for item in (items if with_cells else missing) for cell in cells[item.name].values()
-        ]
+    if missing:
         todo = _MissingItems(settings, folder, missing, cells, fingerprints, progress)
-        results = todo.compute(requested)
+        todo.compute()
         saved |= todo.made
     made = tuple(ItemResult(item, saved.get(item.name) or {}, skipped[item.name]) for item in items)
     by_key = {cell.key: cell for by_name in cells.values() for cell in by_name.values()}
-    return Reproduction(settings, made, by_key, results)
+    return Reproduction(settings, made, by_key)
 
 
 class _MissingItems:
@@ -248,18 +237,16 @@ class _MissingItems:
     ) -> None:
         self.settings, self.folder = settings, folder
         self.items, self.cells, self.fingerprints = items, cells, fingerprints
-        item_share = (1 - CELLS_SHARE) / max(len(items), 1)  # of the progress bar, the same for each item
+        item_share = (1 - CELLS_SHARE) / len(items)  # of the progress bar, the same for each item
         self.bar = Bar(progress, {CELLS: CELLS_SHARE, **{item.name: item_share for item in items}})
         self.made: dict[str, Tables] = {}
 
-    def compute(self, wanted: Sequence[Cell]) -> CellResults:
-        """Run the cells, compute and save the items, and return the results of the cells.
+    def compute(self) -> None:
+        """Run the cells, and compute and save the items.
 
         With several workers, items without cells are computed in a background thread while the cells run.
-
-        Args:
-            wanted: cells to run.
         """
+        wanted = [cell for item in self.items for cell in self.cells[item.name].values()]
         without_cells = [item for item in self.items if not self.cells[item.name]]
         # In reverse order the search for parameters comes first. Its kernels run without Python's global lock, which
         # the main thread needs at the beginning to plan the cells.
@@ -273,7 +260,6 @@ class _MissingItems:
             results = self._run(wanted, check)
             self._compute_items([item for item in self.items if item not in in_background], results, check)
             self.bar.shown = None  # from now on, show which item the background computes
-        return results
 
     def _run(self, wanted: Sequence[Cell], check: Check) -> CellResults:
         """Run the requested cells, and return their results; end early if the background thread has failed.
