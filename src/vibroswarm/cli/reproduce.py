@@ -37,13 +37,6 @@ def reproduce(
             f"the study's recordings, for the calibration (default: environment variable {RECORDINGS})", "DIR"
         ),
     ] = None,
-    control: Annotated[
-        str | None,
-        Option(
-            "negative control, under which verdicts must change: labels (swapped), threshold (1.55), "
-            "false-positives, standstill, no-messages or losses; or physics: energies from vibrating tiles, not laws"
-        ),
-    ] = None,
     output: Drawn,
 ) -> None:
     """Compute every figure and table of the paper, and report which of its claims hold.
@@ -66,7 +59,7 @@ def reproduce(
     out = output.out
     if out is None:
         raise InputError("is required", field="--out")
-    items, settings = items_named(only), settings_of(runs, seed, columns, control, recordings, workers)
+    items, settings = items_named(only), settings_of(runs, seed, columns, recordings, workers)
     # Items that depend on a changed setting are computed again, so that other settings are no reason to refuse it.
     destination = Destination(output, "reproduce")
     make_folder(out)
@@ -82,7 +75,6 @@ def settings_of(
     runs: int = 1000,
     seed: int = 1,
     columns: tuple[str, ...] | None = None,
-    control: str | None = None,
     recordings: Path | None = None,
     workers: int | None = None,
 ) -> Settings:
@@ -91,17 +83,15 @@ def settings_of(
     If ``recordings`` is not given, the environment variable ``RECORDINGS`` names their folder, unless it is empty.
 
     Raises:
-        InputError: a column or control is unknown, or the number of runs is out of range.
+        InputError: a column is unknown, or the number of runs is out of range.
     """
-    from vibroswarm.paper.columns import CHANGES, COLUMNS
+    from vibroswarm.paper.columns import COLUMNS
     from vibroswarm.paper.item import Settings
     from vibroswarm.study.spec import MOST_RUNS
 
     wanted = columns or COLUMNS
     for column in wanted:
         check_choice(column, "--columns", COLUMNS)
-    if control is not None:
-        check_choice(control, "--control", CHANGES)
     # A confidence interval over runs needs two.
     refuse(not 2 <= runs <= MOST_RUNS, "--runs", f"{runs} is not from 2 to {MOST_RUNS}")
     if recordings is None and os.environ.get(RECORDINGS):
@@ -110,7 +100,6 @@ def settings_of(
         runs=runs,
         seed=seed,
         columns=tuple(column for column in COLUMNS if column in wanted),  # in the order of the report
-        control=control,
         recordings=recordings,
         workers=workers,
     )

@@ -13,7 +13,7 @@ import polars as pl
 from vibroswarm.core.numbers import count, verb
 from vibroswarm.documents.knowledge import told
 from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Claim, Decided
-from vibroswarm.paper.columns import CHANGES, COLUMNS, CONTROLS
+from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.paper.item import Settings, TableView
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of, command_of_all
@@ -85,12 +85,7 @@ def _few_runs(decided: Sequence[Decided], settings: Settings) -> str:
 
 
 def _warnings(made: Reproduction) -> tuple[str, ...]:
-    skipped = [f"{one.item.name}: skipped. {one.skipped}" for one in made.made if one.skipped]
-    control = made.settings.control
-    if control is None:
-        return tuple(skipped)
-    what = "a negative control" if control in CONTROLS else "a variant"
-    return (f"This is {what}, not the reproduction: {CHANGES[control]}.", *skipped)
+    return tuple(f"{one.item.name}: skipped. {one.skipped}" for one in made.made if one.skipped)
 
 
 def _verdicts(decided: Sequence[Decided], settings: Settings, command: str) -> Section:

@@ -228,8 +228,6 @@ class Claim(NotebookView):
     """One of ``KINDS``: a claim about robots, or a check of numbers."""
     value: str = ""
     """Name of its measured values, in the column ``value`` of ``MEASURED``; empty: its ``id``."""
-    no_control: str | None = None
-    """Why negative controls need not change its verdict."""
     cannot: str | None = None
     """Why no number of our runs can settle it, so that none of its values can be asked."""
     unit: str = ""

@@ -1,8 +1,7 @@
 """Read the paper's own numbers, and make the scenarios of the columns of the reproduction.
 
 ``published.json`` holds the paper's numbers, printed or read off its figures: the only numbers that were typed in. A
-column is a preset; its scenarios have the optimised parameters P* or the empirical parameters P0. A negative control
-changes every scenario in a way that must change the verdicts; if it did not, the claims would test nothing.
+column is a preset; its scenarios have the optimised parameters P* or the empirical parameters P0.
 
 The recordings of real robots (``read_recordings``) are three sessions of five robots on one floor (``world.txt``);
 three logs of the authors' simulator belong to them.
@@ -17,7 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
-from vibroswarm.errors import InputError, check_choice
+from vibroswarm.errors import InputError
 from vibroswarm.floors import read_tiles
 from vibroswarm.floors.floor import Floor
 from vibroswarm.networks.loss_by_size import MOST
@@ -71,36 +70,11 @@ OPTIMISED, EMPIRICAL = "P*", "P0"
 STRATEGIES: Final = ("none", "positive", "soft")
 """No feedback, positive feedback, soft feedback. Items rely on this order."""
 
-CONTROLS: Final = {
-    "labels": "the energies of vibrating and still tiles are swapped, as the paper prints them",
-    "threshold": "the sensor's threshold is 1.55, as in Algorithm 2",
-    "false-positives": "24 % of the still tiles read as vibrating and 4.5 % of the vibrating ones as still, with the "
-    "same total number of errors",
-    "standstill": "robots hardly move (a twentieth of their speed, with normal turns) and never avoid",
-    "no-messages": "no message arrives",
-    "losses": "a tenth of the messages is lost, independently at each receiver",
-}
-"""Negative controls: changes of every scenario that must change the verdicts."""
-VARIANTS: Final = {
-    "physics": "energies are computed from the vibration of tiles (sensor `acceleration`), and not drawn from laws",
-}
-"""Other changes of every scenario, which show what verdicts depend on."""
-CHANGES: Final = CONTROLS | VARIANTS
-
 RECORDED_ROBOTS: Final = 5
 """Robots in the recordings to which `calibrated` is fitted, and with them its share of lost messages."""
 
-FALSE: Final = (0.24, 0.045)
-"""False positive and false negative rate under the control "false-positives"; both are 14 % in the simulations."""
-SLOWER: Final = 0.05
-"""Factor of the robots' speed under the control "standstill"."""
-
 _THRESHOLD: Final = "walk.avoidance_threshold_mm"
 """Field of the distance at which robots turn away from obstacles."""
-_OF_LAWS: Final = tuple(
-    f"sensor.{name}" for name in ("edge_reach_m", "edge_blur_m", "tile_spread", "robot_spread")
-)
-"""Options that change the law of a kind of tile."""
 
 
 def scenario_of(
@@ -108,7 +82,6 @@ def scenario_of(
     values: dict[str, Any] | None = None,
     *,
     parameter_set: str = OPTIMISED,
-    control: str | None = None,
 ) -> Scenario:
     """Return the scenario of a column.
 
@@ -119,9 +92,6 @@ def scenario_of(
     Args:
         column: one of ``COLUMNS``. values: fields to set, by dotted name; they override those of P0.
         parameter_set: ``OPTIMISED`` (P*, which the presets have) or ``EMPIRICAL`` (P0).
-        control: negative control or variant, one of ``CHANGES``; None: no control.
-    Raises:
-        InputError: no such control.
     """
     base = preset(column)
     changes: dict[str, Any] = {}
@@ -135,67 +105,7 @@ def scenario_of(
         commanded = parameters("P_star")[_THRESHOLD]
         changes[_THRESHOLD] = float(changes[_THRESHOLD]) * base.walk.avoidance_threshold_mm / commanded
     changes |= values or {}
-    if control is not None:
-        changes |= _controlled(base.with_values(changes), control)
     return base.with_values(changes)
-
-
-def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
-    """Return the fields that a negative control or variant sets in this scenario, by dotted name; see ``CHANGES``.
-
-    Raises:
-        InputError: no such control.
-    """
-    check_choice(control, "--control", CHANGES)
-    return _COMPUTED[control](scenario) if control in _COMPUTED else _FIXED[control]
-
-
-def standing(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields, by dotted name, of robots that hardly move and never avoid.
-
-    The distances between the wheels shrink as the speed does, so robots turn as fast as before. Robots never avoid,
-    because nothing is nearer than the threshold 0.
-    """
-    slowed = ("full_speed_m_s", "drive_track_m", "turn_track_m")
-    return {f"robot.{name}": getattr(scenario.robot, name) * SLOWER for name in slowed} | {_THRESHOLD: 0.0}
-
-
-def with_errors(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields, by dotted name, that give the sensor the error rates ``FALSE``.
-
-    They are the share of the readings of still tiles that are above the threshold, and the share of those of vibrating
-    tiles that are below it. The energy distributions of both kinds of tiles are shifted; their shapes and scales stay.
-    """
-    from scipy.stats import gamma  # here, because importing it takes long
-
-    sensor, changes = scenario.sensor, {}
-    false_positive, false_negative = FALSE
-    for kind, share_above in (("still", false_positive), ("vibrating", 1.0 - false_negative)):
-        shape, scale = (float(getattr(sensor, f"{kind}_{name}")) for name in ("shape", "scale"))
-        # The energy that ``share_above`` of the unshifted energies exceed is moved to the threshold.
-        exceeded = float(gamma.isf(share_above, shape, scale=scale))
-        changes[f"sensor.{kind}_location"] = sensor.rms_threshold - exceeded
-    return changes
-
-
-def swapped_labels(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields, by dotted name, that swap the energy distributions of vibrating and still tiles."""
-    return {
-        f"sensor.{kind}_{name}": getattr(scenario.sensor, f"{other}_{name}")
-        for kind, other in (("vibrating", "still"), ("still", "vibrating"))
-        for name in ("shape", "scale", "location")  # parameters of the Gamma distribution
-    }
-
-
-_FIXED: Final[dict[str, dict[str, Any]]] = {
-    "threshold": {"sensor.rms_threshold": 1.55},  # the threshold in the paper's Algorithm 2
-    "no-messages": {"network.name": "loss", "network.loss.share": 1.0},
-    "losses": {"network.name": "loss", "network.loss.share": 0.1},
-    "physics": {"sensor.model": "acceleration"} | dict.fromkeys(_OF_LAWS),
-}
-"""Fields of the controls and variants that set the same in every scenario."""
-_COMPUTED: Final = {"labels": swapped_labels, "false-positives": with_errors, "standstill": standing}
-"""Functions of the others."""
 
 
 def fills() -> list[float]:

@@ -7,8 +7,7 @@ A **column** is a preset of the reproduction. A claim cannot be asked of a colum
 decisions and decision times answer the paper's question only if the expected share of ones lies on the same side of the
 boundary as the fill ratio (``analysis.decidability``). Second, a sensor whose edge response was fitted on tiles of one
 size cannot be used on smaller tiles, of which edges take up a larger share: no recording shows that vibration reaches
-as far there. Both reasons are checked on the scenarios without a negative control, because the effect of a control on a
-column is what the control is to show.
+as far there.
 """
 
 from __future__ import annotations
@@ -60,8 +59,6 @@ class Settings(NotebookView):
     seed: int = 1
     columns: tuple[str, ...] = COLUMNS
     """Presets of the reproduction to compute."""
-    control: str | None = None
-    """Negative control or variant, one of ``columns.CHANGES``."""
     recordings: Path | None = None
     """Folder of the study's recordings; None: items that need them are skipped."""
     workers: int | None = None
@@ -70,12 +67,12 @@ class Settings(NotebookView):
     def scenario(
         self, column: str, values: dict[str, Any] | None = None, *, parameter_set: str = "P*"
     ) -> Scenario:
-        """Return the scenario of a column, under the negative control if one is set.
+        """Return the scenario of a column.
 
         Args:
             column: one of ``COLUMNS``. values: fields to set, by dotted name. parameter_set: "P*" or "P0".
         """
-        return scenario_of(column, values, parameter_set=parameter_set, control=self.control)
+        return scenario_of(column, values, parameter_set=parameter_set)
 
     def cell(self, column: str, values: dict[str, Any] | None = None, *, parameter_set: str = "P*") -> Cell:
         """Return the cell with the scenario of a column (``scenario``) and all runs."""
@@ -99,21 +96,17 @@ class Work:
     """Scratch folder for unfinished work."""
     progress: Callable[[float], None] = lambda share: None
     """Called with the share of the item's work that is done, 0 to 1."""
-    plain: Cells | None = None
-    """The cells without the negative control, by the same keys; None: no control is set."""
 
     def cannot(self, *keys: Hashable) -> str | None:
         """Return why decisions in these cells cannot answer the question, or None if they can; see ``cannot_ask``.
 
-        The cells are judged without a negative control. If several cells cannot answer the question, the reason of the
-        first of them is returned. The strategy does not matter, so one key is enough for cells that differ in the
-        strategy only.
+        If several cells cannot answer the question, the reason of the first of them is returned. The strategy does not
+        matter, so one key is enough for cells that differ in the strategy only.
 
         Args:
             keys: keys of the cells.
         """
-        plain = self.cells if self.plain is None else self.plain
-        reasons = (cannot_ask(plain[key].scenario) for key in keys)
+        reasons = (cannot_ask(self.cells[key].scenario) for key in keys)
         return next((reason for reason in reasons if reason), None)
 
     def rows(self, names: tuple[str, ...], keys: Iterable[tuple[Any, ...]] | None = None) -> pl.DataFrame:
@@ -307,21 +300,17 @@ def _edges(scenario: Scenario) -> str | None:
 
     If edges have no reach (None or 0), the size of tiles does not matter, and the result is None.
     """
-    reach_m, is_physics = scenario.sensor.edge_reach_m, scenario.sensor.model == "acceleration"
-    if not reach_m and not is_physics:
+    reach_m = scenario.sensor.edge_reach_m
+    if not reach_m:
         return None
     # The floors of all seeds and runs have tiles of the same size, so any seed and run will do.
     side_m = _side_m(scenario.floor_for(seed=0, run=0))
     fitted_m = _fitted_m()
     if side_m >= fitted_m * (1.0 - 1e-9):  # 1e-9 allows for rounding errors
         return None
-    what = (
-        "the physics of vibration was"
-        if is_physics
-        else f"edges reach {number(1000 * (reach_m or 0.0), 0)} mm and were"
-    )
     return (
-        f"{what} fitted on tiles of {number(1000 * fitted_m, 0)} mm; these have {number(1000 * side_m, 0)} mm"
+        f"edges reach {number(1000 * reach_m, 0)} mm and were fitted on tiles of {number(1000 * fitted_m, 0)} mm; "
+        f"these have {number(1000 * side_m, 0)} mm"
     )
 
 
@@ -365,7 +354,6 @@ def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
         "runs": settings.runs,
         "seed": settings.seed,
         "columns": settings.columns,
-        "control": settings.control,
         "also": item.also(settings),
         "versions": versions(),  # among them ``core.code_version.code_hash``, of the sources of the simulation
         "code": code_hash(),  # the function above, of other sources and of data files

@@ -11,7 +11,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -24,7 +24,6 @@ from vibroswarm.core.numbers import count
 from vibroswarm.paper.cells import Cell, CellResults, run_cells
 from vibroswarm.paper.claim_values import frame
 from vibroswarm.paper.claims import Decided, decide
-from vibroswarm.paper.columns import CONTROLS
 from vibroswarm.paper.item import (
     CLAIMS,
     Cells,
@@ -306,10 +305,6 @@ class _MissingItems:
 
         report_progress(0.0)
         place = self.folder / ITEMS / item.name
-        # ``Work.cannot`` judges the cells without the negative control, whose effect must show in the verdicts.
-        plain = (
-            item.cells(replace(self.settings, control=None)) if self.settings.control in CONTROLS else None
-        )
         tables = item.compute(
             Work(
                 settings=self.settings,
@@ -317,7 +312,6 @@ class _MissingItems:
                 results=results,
                 folder=self.folder / RUNS / item.name,
                 progress=report_progress,
-                plain=plain,
             )
         )
         place.parent.mkdir(parents=True, exist_ok=True)

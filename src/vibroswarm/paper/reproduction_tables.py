@@ -38,7 +38,6 @@ def command_of(settings: Settings, *items: str) -> str:
     words += [f"--only {' '.join(items)}"] if items else []
     words += [f"--runs {settings.runs}", f"--seed {settings.seed}"]
     words += [f"--columns {','.join(settings.columns)}"] if settings.columns != COLUMNS else []
-    words += [f"--control {settings.control}"] if settings.control else []
     # Only this item needs the recordings.
     recorded = not items or "calibration" in items
     words += ["--recordings DIR"] if settings.recordings and recorded else []
@@ -78,14 +77,9 @@ def claims_table(
             or kind not in (None, claim.kind)
         ):
             continue
-        remark = (
-            f"; a negative control need not change the verdict: {claim.no_control}"
-            if claim.no_control
-            else ""
-        )
         row: dict[str, str | None] = {
             "item": claim.item, "claim": claim.id, "kind": claim.kind, "says": claim.statement,
-            "measured": claim.measured + remark, "holds if": claim.words,
+            "measured": claim.measured, "holds if": claim.words,
         }  # fmt: skip
         for one in of_claim:
             row |= {one.column: _verdict_words(one), f"{one.column}: ours": _value_words(one)}
