@@ -37,7 +37,6 @@ def test_what_the_robots_ran_with(real: Recording) -> None:
     assert found["strategy.name"]["value"] == "positive"
     assert found["decision.credible_threshold"]["value"] == pytest.approx(0.95)
     assert found["sample.sample_interval_ms"]["value"] == 2000
-    assert found["sample.timer"]["value"] == "reset_after_turn"
 
 
 def test_what_the_simulator_ran_with(simulated: Recording) -> None:
@@ -45,7 +44,6 @@ def test_what_the_simulator_ran_with(simulated: Recording) -> None:
     assert found["sensor.rms_threshold"]["value"] == 1.33
     assert found["strategy.name"]["value"] == "none"
     assert found["sample.sample_interval_ms"]["value"] == 2000
-    assert found["sample.timer"]["value"] == "reset_after_turn"
     assert [one["told"]["rows_repeated"] for one in simulated.sessions] == [5, 5, 5]
 
 

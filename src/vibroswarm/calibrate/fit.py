@@ -434,8 +434,8 @@ FITS: Final = (
 """The fits in their order: the table of docs/calibration.md."""
 
 
-WALK_SETTINGS: Final = ("sample.sample_interval_ms", "sample.timer")
-"""Settings that are inferred from recordings, and with which the robots of the base must run too."""
+TAU: Final = "sample.sample_interval_ms"
+"""The setting that is inferred from recordings, and with which the robots of the base must run too."""
 AROUND: Final = ("swarm.robots", "arena.width_m", "arena.height_m")
 """What decides how often robots meet each other and walls."""
 
@@ -444,7 +444,7 @@ def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
     """Return sentences about the base: settings that recordings contradict, and ``other_robots``.
 
     Of settings, only those of the walk count that determine what robots meet (``AROUND``) and when they sample
-    (``WALK_SETTINGS``): others are the user's choice.
+    (``TAU``): others are the user's choice.
     """
     found = []
     for name in AROUND:
@@ -455,17 +455,11 @@ def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
             found.append(
                 f"{name} is {base[name]} in the base, but {listed(map(str, there))} in the recordings."
             )
-    for name in WALK_SETTINGS:
-        own = base[name]
-        inferred = [
-            one for result in results for one in getattr(result, "inferred", ()) if one["name"] == name
-        ]
-        for one in inferred:
-            low, high = one["low"], one["high"]
-            fits = own == one["value"] if low is None else low <= own <= high
-            if one["value"] is not None and not fits:
-                found.append(_differs(name, own, one["value"]))
-                break
+    inferred = [one for result in results for one in getattr(result, "inferred", ()) if one["name"] == TAU]
+    for one in inferred:
+        if one["value"] is not None and not one["low"] <= base[TAU] <= one["high"]:
+            found.append(_differs(TAU, base[TAU], one["value"]))
+            break
     return found + other_robots(base)
 
 

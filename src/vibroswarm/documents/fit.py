@@ -53,6 +53,7 @@ def fit_document(found: Fit, judged: Sequence[Fold] = ()) -> Document:
     columns = {"value": Column("value (95 %)"), "error": Column("standard error")}
     parts: list[Part] = [
         Section("Fields of the scenario", (Text(fields, "code"),)),
+        _settings(found),
         Table(pl.DataFrame(estimates), columns, "Estimates behind them.", "figures"),
         _predicted(found),
         *(_vibration_tables(found.vibration) if found.vibration is not None else ()),
@@ -75,6 +76,12 @@ def fit_document(found: Fit, judged: Sequence[Fold] = ()) -> Document:
 
 def _as_toml(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
+
+
+def _settings(found: Fit) -> Table:
+    name = "sample.timer"
+    frame = pl.DataFrame([{"setting": name, "value": found.scenario[name], "evidence": "assumed"}])
+    return Table(frame, caption="Settings of the robots.", name="settings")
 
 
 def _is_inside(limits: tuple[float, float, float]) -> bool:

@@ -138,10 +138,11 @@ def _settings(recording: Recording) -> Table:
         {"setting": one["name"], "value": _inferred_value(recording, one), "evidence": one["evidence"]}
         for one in recording.inferred
     ]
+    timer = "sample.timer"
+    evidence = "stated" if timer in recording.stated else "assumed"
+    rows.append({"setting": timer, "value": recording.scenario[timer], "evidence": evidence})
     frame = pl.DataFrame(rows, schema=dict.fromkeys(("setting", "value", "evidence"), pl.String))
-    return Table(
-        frame, {"evidence": Column(prose=True)}, "Settings of the robots, inferred from the logs.", "settings"
-    )
+    return Table(frame, {"evidence": Column(prose=True)}, "Settings of the robots.", "settings")
 
 
 def _inferred_value(recording: Recording, setting: Mapping[str, Any]) -> str:

@@ -7,7 +7,6 @@
 | credible_threshold | p_c | beliefs at decisions, and at samples past the gate without a decision |
 | strategy | u | bits received or sent, compared with those that each strategy would have sent |
 | sample_interval_ms | tau | time between undisturbed samples, minus the stop and two ticks |
-| timer | - | time between samples with avoidance, minus the avoidance (``infer_timer``) |
 
 The gate is the condition that a robot must have counted more than O_c observations before it may decide.
 
@@ -29,13 +28,14 @@ import polars as pl
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import count, number, rounded, stated
 from vibroswarm.recordings.infer_strategy import infer_strategy
-from vibroswarm.recordings.infer_timer import infer_timer, usual_of
 from vibroswarm.recordings.inferred import STOP_S, Inferred, undetermined
 from vibroswarm.recordings.log import Log
 from vibroswarm.strategies.bayes import GATES
 
 TICKS_S: Final = 0.04
 """Two ticks of the simulator: undisturbed samples are tau + stop + two ticks apart."""
+USUAL_S: Final = 0.3
+"""Intervals without avoidance are the usual one if they differ by no more from the most frequent duration, s."""
 
 
 FAR: Final = 0.25
@@ -65,8 +65,7 @@ def infer_settings(
     threshold = infer_threshold(between)
     credible = 0.95  # p_c of the study; the gate is inferred from robots that are surer than this
     gate = infer_gate(logs, credible)
-    tau = infer_tau(between, stop_s)
-    settings = [threshold, *gate, infer_credible(logs, gate), tau, infer_timer(between, tau)]
+    settings = [threshold, *gate, infer_credible(logs, gate), infer_tau(between, stop_s)]
     if threshold.value is not None:
         settings.append(infer_strategy(logs, between, float(threshold.value), eta, kappa))
     else:
@@ -330,7 +329,7 @@ def infer_tau(between: pl.DataFrame, stop_s: float = STOP_S) -> Inferred:
     spacing = calm["spacing_s"].to_numpy()
     if spacing.size < 20:
         return undetermined(name, f"{count(spacing.size, 'undisturbed interval')}: too few")
-    usual = usual_of(spacing)
+    usual = _usual_of(spacing)
     if usual.size < 2:  # one interval has no standard deviation
         return undetermined(name, f"{spacing.size} undisturbed intervals: too different from each other")
     stops_s = calm["stop_s"].drop_nulls().to_numpy()
@@ -349,6 +348,24 @@ def infer_tau(between: pl.DataFrame, stop_s: float = STOP_S) -> Inferred:
         f"{usual.size} of {spacing.size} intervals {which} are {number(usual.mean(), 3)} s; less a stop of "
         f"{number(stop_s, 3)} s and at most two ticks of 20 ms",
     )  # fmt: skip
+
+
+def _usual_of(spacing_s: Floats) -> Floats:
+    """Return the durations near the most frequent one of some intervals without avoidance, s.
+
+    An interval is longer if the robot first had to finish a turn.
+
+    Args:
+        spacing_s: at least one duration, s.
+    """
+    # Find the window of width USUAL_S (two neighbouring bins of a histogram) with the most intervals.
+    edges = np.arange(0.0, spacing_s.max() + USUAL_S, USUAL_S / 2)
+    in_windows = np.convolve(np.histogram(spacing_s, edges)[0], [1, 1], "valid")
+    middle_s = edges[int(np.argmax(in_windows))] + USUAL_S / 2
+    # The edges are those of bins, which may cut the usual intervals anywhere. A log with rows every 0.2 s has intervals
+    # on both sides of the true one, of which only the mean is right: so take them around the window's median.
+    middle_s = float(np.median(spacing_s[np.abs(spacing_s - middle_s) <= USUAL_S / 2]))
+    return spacing_s[np.abs(spacing_s - middle_s) <= USUAL_S]
 
 
 def _held(most: float) -> str:
