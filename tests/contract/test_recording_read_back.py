@@ -16,14 +16,13 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.pose import pose
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.export import write_csv, write_rugbot, write_webots
+from vibroswarm.recordings.export import write_csv
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import with_beliefs
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import record_of
-from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.simulation import simulate
+from vibroswarm.scenario.scenario import preset
 
 KEY = ["run", "robot", "sample"]
 
@@ -119,14 +118,6 @@ def test_the_console_log_holds_samples_after_five_seconds(from_console: Recordin
     assert "walk.walk_duration_scale_ms" in from_console.stated
 
 
-def test_walking_and_standing_add_up_to_the_time_of_a_line(console_logs: list[Path]) -> None:
-    """In a console log avoidance is a part of walking."""
-    lines = [line.split(",") for line in console_logs[0].read_text().splitlines()]
-    sums_ms = [(1000.0 * float(line[1]), int(line[14]) + int(line[16])) for line in lines if len(line) == 19]
-    assert len(sums_ms) > 100
-    assert np.abs(np.subtract(*np.transpose(sums_ms))).max() < 1e-6
-
-
 def test_a_recording_is_kept_and_read_back(recording: Recording, tmp_path: Path) -> None:
     recording.write(tmp_path / "kept")
     again = Recording.read(tmp_path / "kept")
@@ -184,81 +175,6 @@ def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_pa
     assert shown.runs["stopped_early"].to_list() == [False]  # the session was ended by people
     assert set(shown.robots["decision"].to_list()) <= {-1, 0, 1}
     assert record_of(shown, title="replayed").consensus in ("right", "wrong", "split", "incomplete")
-
-
-@pytest.mark.parametrize("strategy", ["bayes_bots", "places"])
-def test_a_console_log_has_strategies_of_the_study_only(
-    strategy: str, told: Scenario, tmp_path: Path
-) -> None:
-    values = {"strategy.name": strategy, "network.name": "loss", "run.t_end_s": 30.0}
-    result = simulate(told.with_values(values), 3, 1)
-    with pytest.raises(InputError, match=f"strategy '{strategy}' has no number in this format"):
-        write_webots(result, tmp_path / "log.txt")
-    assert not list(tmp_path.iterdir())
-
-
-def test_what_a_robots_log_cannot_know_is_written_as_empty(
-    told: Scenario, recording: Recording, ground: Floor, tmp_path: Path
-) -> None:
-    """A strategy without beliefs, and a recording without beliefs, decisions and counters."""
-    simulated = simulate(
-        told.with_values({"strategy.name": "three_valued", "run.t_end_s": 60.0}), 3, 1, segments=True
-    )
-    unknown = {
-        "inference": ("alpha", "beta", "messages_received", "belief_below", "decision"),
-        "motion": ("avoid_s", "stop_s"),
-    }
-    poor = replace(
-        recording,
-        **{
-            name: getattr(recording, name).with_columns(
-                pl.lit(None, dtype=frame_type).alias(column)
-                for column, frame_type in getattr(recording, name).schema.items()
-                if column in columns
-            )
-            for name, columns in unknown.items()
-        },
-    )
-    for number, result in enumerate((simulated, poor)):
-        path = tmp_path / f"{number}.csv"
-        write_rugbot(result, path)
-        samples = read_log(path).samples
-        made = result.inference.filter(pl.col("run") == 0)
-        assert samples.height == made.height
-        for name in unknown["inference"]:
-            assert samples[name].null_count() == made[name].null_count(), name
-        for name in ("avoid", "stop"):
-            nulls = result.motion.filter(pl.col("run") == 0)[f"{name}_s"].null_count()
-            assert samples[f"{name}_total_s"].null_count() == nulls
-        assert made["belief_below"].null_count() == made.height
-    again = recording_of([read_log(tmp_path / "1.csv")], ground, preset("paper"))
-    assert again.robots["decision"].to_list() == [None] * 5
-
-
-def test_robots_of_a_recording_keep_their_numbers(recording: Recording, tmp_path: Path) -> None:
-    """They were numbered again from 1."""
-    write_rugbot(replace(recording, names=(2, 7, 8, 30, 31)), tmp_path / "again.csv")
-    assert set(read_log(tmp_path / "again.csv").tracks["robot"]) == {2, 7, 8, 30, 31}
-
-
-def test_what_the_import_would_refuse_is_not_written(told: Scenario, tmp_path: Path) -> None:
-    """Gamma laws with a location below 0, as in preset ``paper``, draw energies below 0 now and then."""
-    result = simulate(told.with_values({"run.t_end_s": 30.0}), 3, 1, segments=True)
-    energy = result.observations["energy"].scatter(2, -0.062)
-    below = replace(result, observations=result.observations.with_columns(energy=energy))
-    robot, sample = below.observations.select("robot", "sample").row(2)
-    for write in (write_rugbot, write_webots):
-        write(result, tmp_path / "log")
-        read_log(tmp_path / "log")
-        with pytest.raises(
-            InputError, match=rf"no energies below 0, .* robot {robot}, sample {sample}, is -0\.062"
-        ):
-            write(below, tmp_path / "log", replace=True)
-        (tmp_path / "log").unlink()
-    quick = {"sample.sample_interval_ms": 100.0, "sample.stop_ms": 20.0, "run.t_end_s": 10.0}
-    with pytest.raises(InputError, match=r"one sample of a robot per 0\.22 s, and robot \d took two near \d"):
-        write_rugbot(simulate(told.with_values(quick), 3, 1, segments=True), tmp_path / "log")
-    assert not list(tmp_path.iterdir())
 
 
 def test_tables_are_written_as_csv_all_or_none(recording: Recording, tmp_path: Path) -> None:

@@ -10,11 +10,11 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from helpers.recordings import write_log
 from vibroswarm.documents.recording import replay_document
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.replay import inference_columns
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import (
@@ -207,7 +207,7 @@ def test_as_many_are_heard_as_the_log_counts(told: Scenario, ground: Floor, tmp_
     result = simulate(
         told.with_values({"network.name": "loss", "network.loss.share": 0.2}), 5, 1, segments=True
     )
-    write_rugbot(result, tmp_path / "lossy.csv")
+    write_log(result, tmp_path / "lossy.csv")
     found = recording_of([read_log(tmp_path / "lossy.csv")], ground, described(told), RULES)
     one, _ = replayed_table(found, scenario_of(found, told), seed=1)
     two, _ = replayed_table(found, scenario_of(found, told), seed=2)

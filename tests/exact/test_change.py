@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, stats
 
 from helpers.commands import output_of
+from helpers.recordings import write_log
 from vibroswarm import Scenario, preset, replay, simulate
 from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.documents.run import run_document
@@ -27,7 +28,6 @@ from vibroswarm.inference.outcomes import truth_on, truth_over_time
 from vibroswarm.motion.source import source
 from vibroswarm.observation.observe import kinds_at, sensed_floors
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import replay_recording
@@ -397,7 +397,7 @@ def test_the_floor_of_a_recording_may_change(tmp_path: Path, capsys: pytest.Capt
     simulated = simulate(
         scenario(**{"floor.source": "diagonal:0.46", "run.t_end_s": 300.0}), 4, 1, segments=True
     )
-    write_rugbot(simulated, tmp_path / "log.csv")
+    write_log(simulated, tmp_path / "log.csv")
     told = preset("paper").with_values({"floor.source": "diagonal:0.46", **INVERTED, "change.at_s": 60})
     recorded = recording_of([read_log(tmp_path / "log.csv")], told.floor_for(0, 0), told)
     assert recorded.floor_words.startswith("The floor fits")

@@ -12,6 +12,7 @@ import polars as pl
 import pytest
 from scipy.special import ndtri
 
+from helpers.recordings import write_log
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.calibrate.drive import course_of, drive_of, drive_table, line_of, quartile_spread
 from vibroswarm.calibrate.few_groups import drawn_means, drawn_variances
@@ -22,7 +23,6 @@ from vibroswarm.calibrate.session_statistics import FIGURES, Figure, _of_samples
 from vibroswarm.calibrate.wall_approach import _to_wall
 from vibroswarm.documents.calibration import figures_document
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
@@ -169,7 +169,7 @@ def test_laws_of_few_robots_by_hand() -> None:
 
 def test_a_log_tells_the_same_as_the_paths(tmp_path: Path) -> None:
     result = made(1, floor__tiles=("01", "10"), robot__speed_redraw="robot")
-    write_rugbot(result, tmp_path / "log.csv")
+    write_log(result, tmp_path / "log.csv")
     logged = recording_of([read_log(tmp_path / "log.csv")], result.floor(), preset("paper"))
     ours = {one.name: one.interval.estimate for one in figures_of(result) if one.interval is not None}
     theirs = {one.name: one.interval.estimate for one in figures_of(logged, 1.33) if one.interval is not None}

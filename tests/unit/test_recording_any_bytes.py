@@ -15,8 +15,6 @@ from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.scenario.scenario import preset
 
-SHIPPED = Path(__file__).parents[2] / "examples" / "lab"
-
 
 def try_to_read(path: Path) -> None:
     with suppress(InputError):
@@ -27,8 +25,10 @@ def try_to_read(path: Path) -> None:
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-@given(st.binary(max_size=400), st.sampled_from(["session-1.csv", "console-1.txt"]))
-def test_any_bytes(tmp_path: Path, data: bytes, name: str) -> None:
-    head = (SHIPPED / name).read_bytes()[:3000]
-    (tmp_path / name).write_bytes(head + data)
-    try_to_read(tmp_path / name)
+@given(st.binary(max_size=400), st.booleans())
+def test_any_bytes(
+    tmp_path: Path, logs: list[Path], console_logs: list[Path], data: bytes, console: bool
+) -> None:
+    head = (console_logs if console else logs)[0].read_bytes()[:3000]
+    (tmp_path / "log").write_bytes(head + data)
+    try_to_read(tmp_path / "log")

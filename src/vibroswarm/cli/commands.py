@@ -83,9 +83,7 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
         Command(
             "lab import", "import logs of sessions into a folder that is read as a result", "lab:import_logs"
         ),
-        Command(
-            "lab export", "write a result as a log of the robots or the simulator, or as CSV", "lab:export"
-        ),
+        Command("lab export", "write the tables of a result as CSV", "lab:export"),
         Command(
             "lab replay", "what each strategy would have decided on a recording's readings", "lab:replay"
         ),

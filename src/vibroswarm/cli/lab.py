@@ -122,25 +122,14 @@ def export(
     folder: Annotated[Path, Option("folder of a result or recording", "DIR")],
     /,
     *,
-    format: Annotated[
-        Literal["rugbot", "webots", "csv"], Option("rugbot (default), webots or csv")
-    ] = "rugbot",
-    session: Annotated[int, Option("run to write to a log, from 1", low=1)] = 1,
-    out: Annotated[Path, Option("file; for csv a folder", "PATH")],
+    out: Annotated[Path, Option("folder", "DIR")],
     force: Force = False,
 ) -> None:
-    """Write one run of a result (run --out) as a log of the robots or the simulator, or its tables as CSV."""
-    from vibroswarm.recordings.export import WRITERS
+    """Write the tables of a result (run --out) or recording as CSV."""
+    from vibroswarm.recordings.export import write_csv
     from vibroswarm.recordings.recording import read_result
 
-    result = read_result(folder)
-    if format == "csv":
-        refuse(session != 1, "--session", "has no effect with --format csv, which writes all runs")
-    else:
-        sessions = result.runs.height
-        refuse(session > sessions, "--session", f"there is no session {session}; there are 1 to {sessions}")
-    # Runs are numbered from 0; the writer of CSV ignores the number and writes all runs.
-    WRITERS[format](result, out, session - 1, replace=force)
+    write_csv(read_result(folder), out, replace=force)
     print_saved_file(out)
 
 
