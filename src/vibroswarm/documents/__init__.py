@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Final
 
-from vibroswarm.show.document import Document, Figure, Photos, Section, Table, Text
+from vibroswarm.show.document import Document, Figure, Section, Table, Text
 
 DOCUMENTS: Final = {
     "vibroswarm.result.Result": "run:result_document",
@@ -60,7 +60,7 @@ def document_of(value: object) -> Document | None:
     """Return the document of a result, by the function of its class or nearest base class; None without one."""
     if isinstance(value, Document):
         return value
-    if isinstance(value, Text | Table | Figure | Photos | Section):
+    if isinstance(value, Text | Table | Figure | Section):
         return Document("", (), parts=(value,))
     for kind in type(value).__mro__:
         if found := DOCUMENTS.get(f"{kind.__module__}.{kind.__qualname__}"):

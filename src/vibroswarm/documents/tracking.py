@@ -1,7 +1,7 @@
 """The document of a tracking: how well it went, what is doubtful and what to do about it, and how the camera fits.
 
-What is doubtful comes from ``doubts``, and its pictures (shots) from ``doubt_frames``. With the robots' log, it also
-says how well the clocks match. What is doubtful and the figures are for the page.
+What is doubtful comes from ``doubts``. With the robots' log, it also says how well the clocks match. What is doubtful
+and the figures are for the page.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.numbers import count, number, percent, stated
-from vibroswarm.show.document import Column, Document, Figure, Photo, Photos, Section, Table, Text, if_any
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text, if_any
 from vibroswarm.simulation import versions
-from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, Shot, shots_of
 from vibroswarm.tracking.doubts import (
     ADVICE,
     TITLES,
@@ -41,10 +40,10 @@ def tracking_document(
         tracked: the robots' log with positions (``track.with_positions``); None without a log.
         samples: the robots' log as it was read (``track.read_robot_log``); None without a log.
     """
-    matched, lone_stops = None, None
+    matched = None
     if tracked is not None and samples is not None:
-        matched, lone_stops = match_samples(tracking.stops, samples, tracked.offset)
-    doubts = doubts_of(tracking, matched, lone_stops)
+        matched = match_samples(tracking.stops, samples, tracked.offset)
+    doubts = doubts_of(tracking)
     size, time_s, markers = tracking.detections.size_px, tracking.detections.time_s, tracking.markers
     return Document(
         title=f"Tracking of {tracking.video.name}",
@@ -53,7 +52,7 @@ def tracking_document(
         parts=(
             Text(_camera_words(tracking)),
             Text("" if tracked is None else _clock_words(tracked, time_s[0])),
-            _doubtful(doubts, shots_of(tracking, doubts)),
+            _doubtful(doubts),
             *_seen(tracking, doubts),
             *([] if matched is None else [_clock(matched)]),
             _camera(tracking),
@@ -156,59 +155,27 @@ def _doubts(doubts: Sequence[Doubt]) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=schema, orient="row")
 
 
-def _doubtful(doubts: Sequence[Doubt], shots: Sequence[Shot]) -> Section:
-    """Lay out what is doubtful, a section for each kind: what to do, pictures, and the doubts without pictures.
+def _doubtful(doubts: Sequence[Doubt]) -> Section:
+    """Lay out what is doubtful, a section for each kind: what to do, and the doubts.
 
-    Up to three doubts without pictures are written as sentences; if there are more, they are written as a table.
+    Up to three doubts are written as sentences; if there are more, they are written as a table.
     """
     if not doubts:
         return Section("What is doubtful", (Text("Nothing."),), wide=True)
-    sections = [_doubtful_kind(kind, doubts, shots) for kind in dict.fromkeys(doubt.kind for doubt in doubts)]
-    lead = "Most important first. A ring marks the place: where the robot or marker is, or was seen last."
-    # A doubt has up to three pictures, of which all or none are shown. So doubts may have been left out although the
-    # number of pictures is a little below the limit. The sentence is true even if none was left out.
-    bounded = f" At most {FRAMES_UP_TO} frames are shown." if len(shots) > FRAMES_UP_TO - 4 else ""
-    return Section("What is doubtful", (Text(lead + bounded), *sections), wide=True)
+    sections = [_doubtful_kind(kind, doubts) for kind in dict.fromkeys(doubt.kind for doubt in doubts)]
+    return Section("What is doubtful", (Text("Most important first."), *sections), wide=True)
 
 
-def _doubtful_kind(kind: str, doubts: Sequence[Doubt], shots: Sequence[Shot]) -> Section:
-    of_kind = [place for place, doubt in enumerate(doubts) if doubt.kind == kind]
-    shown = {shot.doubt for shot in shots} & set(of_kind)
-    others = [doubts[place] for place in of_kind if place not in shown]
-    few, many = (others, []) if len(others) <= 3 else ([], others)
+def _doubtful_kind(kind: str, doubts: Sequence[Doubt]) -> Section:
+    of_kind = [doubt for doubt in doubts if doubt.kind == kind]
+    few, many = (of_kind, []) if len(of_kind) <= 3 else ([], of_kind)
     columns = {"time_s": Column("time", "s", decimals=1), "what": Column(prose=True)}
-    caption = "More, without a picture" if shown else ""
     parts = (
         Text(f"What to do: {ADVICE[kind]}"),
         *(Text(doubt.words) for doubt in few),
-        *_photos(doubts, shots, sorted(shown)),
-        *if_any(many, lambda many: [Table(_doubts(many).drop("kind"), columns, caption, f"doubtful-{kind}")]),
+        *if_any(many, lambda many: [Table(_doubts(many).drop("kind"), columns, name=f"doubtful-{kind}")]),
     )
     return Section(f"{TITLES[kind]} ({len(of_kind)})", parts)
-
-
-def _photos(doubts: Sequence[Doubt], shots: Sequence[Shot], shown: Sequence[int]) -> list[Photos]:
-    """Lay out the pictures of doubts of one kind: a row for each doubt, or one row if each doubt has one picture.
-
-    Args:
-        shown: indices of the doubts that have pictures.
-    """
-    if not shown:
-        return []
-    if all(len(doubts[place].shots) == 1 for place in shown):
-        frames = [
-            Photo(shot.address, f"{doubts[shot.doubt].words} Shown: {shot.words}.")
-            for shot in shots
-            if shot.doubt in shown
-        ]
-        return [Photos("", tuple(frames))]
-    return [
-        Photos(
-            doubts[place].words,
-            tuple(Photo(shot.address, shot.words) for shot in shots if shot.doubt == place),
-        )
-        for place in shown
-    ]
 
 
 def _seen(tracking: Tracking, doubts: Sequence[Doubt]) -> list[Section]:

@@ -185,25 +185,6 @@ class Figure(NotebookView):
         return self.draw(self.on_page)
 
 
-@dataclass(frozen=True)
-class Photo(NotebookView):
-    """A photograph."""
-
-    address: str
-    """The picture itself, as a data URI of a JPEG or PNG."""
-    words: str
-    """What it shows; stands below it."""
-
-
-@dataclass(frozen=True)
-class Photos(NotebookView):
-    """Photographs in a row; a terminal has only their words."""
-
-    words: str
-    """A sentence above; empty: none."""
-    photos: tuple[Photo, ...]
-
-
 def _has_content(part: Part) -> bool:
     if isinstance(part, Text):
         return bool(part.words)
@@ -231,7 +212,7 @@ class Section(NotebookView):
         object.__setattr__(self, "parts", tuple(filter(_has_content, self.parts)))
 
 
-Part = Text | Table | Figure | Photos | Section
+Part = Text | Table | Figure | Section
 
 
 @dataclass(frozen=True)
@@ -286,7 +267,7 @@ _Whole = TypeVar("_Whole", Document, Section)
 
 
 def without_pictures(whole: _Whole) -> _Whole:
-    """Return a document without its figures and photographs, and without the sections that had nothing else."""
-    kept = [part for part in whole.parts if not isinstance(part, Figure | Photos)]
+    """Return a document without its figures, and without the sections that had nothing else."""
+    kept = [part for part in whole.parts if not isinstance(part, Figure)]
     below = [without_pictures(part) if isinstance(part, Section) else part for part in kept]
     return replace(whole, parts=tuple(below))

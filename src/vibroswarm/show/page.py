@@ -19,9 +19,8 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError
 from vibroswarm.show.cells import Cell, Heading, Written, written
-from vibroswarm.show.document import Document, Figure, Part, Photo, Section, Table
+from vibroswarm.show.document import Document, Figure, Part, Section, Table
 from vibroswarm.show.markup import code_html, escape, inline_svg, minus_signs, unbroken_options
 from vibroswarm.show.page_origin import with_origin
 
@@ -45,8 +44,6 @@ LONG_FROM: Final = 30
 """Entries of a table of contents from which only the current part is unfolded."""
 LONG: Final = 250
 """A certificate whose title and warnings have more characters is set in smaller letters, to print on one sheet."""
-PHOTO_ADDRESS: Final = re.compile(r"data:image/(?:jpeg|png);base64,[A-Za-z0-9+/=]+")
-"""Allowed addresses of photographs. They hold the photograph itself, and no character that has to be escaped."""
 
 
 def write_page(
@@ -61,8 +58,7 @@ def write_page(
         progress: called with the share of figures that are drawn.
         made_from: what the page shall say that it was made from (``page_origin.origin``).
     Raises:
-        InputError: a figure is not a plain SVG or too large, the address of a photograph is not a data URI of a JPEG or
-            PNG, or the folder cannot be written.
+        InputError: a figure is not a plain SVG or too large, or the folder cannot be written.
         RunError: the disk is full or failed.
     """
     for place, figure in enumerate(document.figures.values(), start=1):
@@ -78,8 +74,7 @@ def page_html(document: Document) -> str:
     """Return a document as a complete page; the same document always gives the same text.
 
     Raises:
-        InputError: a figure is not a plain SVG or too large, or the address of a photograph is not a data URI of a JPEG
-            or PNG.
+        InputError: a figure is not a plain SVG or too large.
     """
     script = _asset("page.js")
     # The page's content security policy allows only the script with this hash: the script element contains it between
@@ -157,7 +152,6 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {
-        "address": _address,
         "breakable": _breakable,
         "cells": _cells,
         "classes": _classes,
@@ -237,12 +231,6 @@ def _drawing(figure: Figure, key: str) -> dict[str, Any]:
 
 def _image_address(figure: Figure) -> str:
     return f"data:image/svg+xml;base64,{base64.b64encode(figure.drawn.svg().encode()).decode('ascii')}"
-
-
-def _address(photo: Photo) -> str:
-    if PHOTO_ADDRESS.fullmatch(photo.address) is None:
-        raise InputError("must be a data URI of a JPEG or PNG", field="address")
-    return photo.address
 
 
 def _csv_link(frame: pl.DataFrame, name: str) -> dict[str, str] | None:

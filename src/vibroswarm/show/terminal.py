@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, NoReturn, TextIO
 
 from vibroswarm.core.numbers import count
 from vibroswarm.show.cells import Cell, written
-from vibroswarm.show.document import Document, Part, Photos, Section, Table, Text
+from vibroswarm.show.document import Document, Part, Section, Table, Text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -103,9 +103,6 @@ class _Printer:
         for part in filter(self.is_shown, parts):
             if isinstance(part, Text):
                 self.text(part)
-            elif isinstance(part, Photos):
-                for words in (part.words, *(f"  {photo.words}" for photo in part.photos)):
-                    self.paragraph(words)
             elif isinstance(part, Table):
                 self.table(part)
             elif isinstance(part, Section):
@@ -119,7 +116,7 @@ class _Printer:
             is_open = self.wide or not (part.folded or part.wide)
             alone = (one for one in part.parts if not (isinstance(one, Text) and one.kind == "aside"))
             return is_open and any(map(self.is_shown, alone))
-        return isinstance(part, Text | Photos) or (isinstance(part, Table) and (self.wide or not part.folded))
+        return isinstance(part, Text) or (isinstance(part, Table) and (self.wide or not part.folded))
 
     def text(self, text: Text) -> None:
         """Print a paragraph, or lines of code as they are."""

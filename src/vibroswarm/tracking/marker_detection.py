@@ -7,7 +7,6 @@ sees in a whole frame. The floor's markers are searched in every ``WHOLE_EVERY``
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
@@ -71,8 +70,6 @@ class Detections:
     that one was seen in a whole frame, by its number."""
     samples: tuple[Gray, ...] = ()
     """Some frames from all of the video, to judge the picture."""
-    bits_per_px: float = math.nan
-    """Size of the video's file, bits for each pixel of each frame."""
 
     @cached_property
     def floor_px(self) -> dict[int, Floats]:
@@ -163,7 +160,6 @@ def detect(
         twice=tuple(search.twice),
         unexpected=search.unexpected,
         samples=tuple(search.samples),
-        bits_per_px=8 * path.stat().st_size / (len(times) * math.prod(info.size_px)),
     )
 
 

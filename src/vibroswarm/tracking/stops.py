@@ -230,9 +230,7 @@ much later the sample was taken than expected, which is a control period before 
 stop, or a stop whose end was not seen."""
 
 
-def match_samples(
-    stops: pl.DataFrame, samples: pl.DataFrame, offset: ClockOffset
-) -> tuple[pl.DataFrame, pl.DataFrame]:
+def match_samples(stops: pl.DataFrame, samples: pl.DataFrame, offset: ClockOffset) -> pl.DataFrame:
     """Match samples with ends of stops of the same robot that are at most ``MATCH_S`` away.
 
     A sample matches at most one stop, and a stop at most one sample; the nearest pairs are taken first. A sample
@@ -241,10 +239,9 @@ def match_samples(
 
     Args:
         stops: ``STOPS``. samples: robot and time_s (by the robots' clock). offset: result of ``clock_offset``.
-    Returns: ``SAMPLES_MATCHED``, in the order of time; and those of the stops whose end was seen that match no sample.
+    Returns: ``SAMPLES_MATCHED``, in the order of time.
     """
     rows: list[tuple[int, float, float | None, float | None]] = []
-    unmatched = []
     for robot in sorted({*stops["robot"].unique().to_list(), *samples["robot"].unique().to_list()}):
         of_robot = stops.filter(pl.col("robot") == robot)
         own = of_robot.filter(pl.col("end_seen"))
@@ -267,9 +264,4 @@ def match_samples(
             else:
                 hidden_ends = [end for start, end in hidden if start <= time_s <= end + FAR_S]
                 rows.append((robot, time_s, hidden_ends[0] if hidden_ends else None, None))
-        taken_stops = set(partner.values())
-        is_unmatched = [stop not in taken_stops for stop in range(ends.size)]
-        unmatched.append(own.filter(pl.Series(is_unmatched, dtype=pl.Boolean)))
-    matched = pl.DataFrame(rows, schema=SAMPLES_MATCHED, orient="row").sort("time_s", "robot")
-    # ``stops.clear()`` is an empty table with the same columns, for the case that there is no robot.
-    return matched, pl.concat(unmatched).sort("end_s", "robot") if unmatched else stops.clear()
+    return pl.DataFrame(rows, schema=SAMPLES_MATCHED, orient="row").sort("time_s", "robot")

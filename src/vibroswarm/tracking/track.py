@@ -32,7 +32,7 @@ from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
 from vibroswarm.tracking.camera import Camera, Lens, fit_camera, square_of
 from vibroswarm.tracking.marker_detection import Detections, detect
 from vibroswarm.tracking.markers import Markers
-from vibroswarm.tracking.picture_quality import SMALL_PX, faults_of, why_none
+from vibroswarm.tracking.picture_quality import SMALL_PX, why_dark, why_none
 from vibroswarm.tracking.stops import STOPS, ClockOffset, clock_offset, stops_of
 from vibroswarm.tracking.video_file import uneven_frames
 
@@ -46,7 +46,7 @@ GAP_S: Final = 1.0
 MOVED_PX: Final = 0.5
 """If the floor's markers move by more than this (``Detections.floor_spread``), the camera moves."""
 FEW: Final = 0.95
-"""If robots are found in a smaller share of the frames, faults of the picture are warned of."""
+"""If robots are found in a smaller share of the frames, a dark picture is warned of."""
 PLACES_M: Final = 0.003
 """If places may be off by more, this is warned of."""
 FLOOR_WANTED: Final = 3
@@ -118,9 +118,8 @@ class Tracking:
                 f"are rough: bring the camera nearer, film at a higher resolution, or print markers of {needed_mm} mm."
             )
         if self.detections.samples and self.share_found() < FEW:
-            seen = self.detections
-            faults = faults_of(seen.samples, float(np.nanmedian(seen.edge_px())), seen.bits_per_px)
-            found += [f"{fault[0].upper()}{fault[1:]}." for fault in faults]
+            dark = why_dark(self.detections.samples)
+            found += [f"{dark[0].upper()}{dark[1:]}."] if dark else []
         never = [
             name
             for name, edge in zip(self.markers.robots.values(), self.detections.edge_px(), strict=True)

@@ -7,7 +7,7 @@ read is compared here with what the head states, to find out whether a file was 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -154,29 +154,6 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
             "length, from which their number of frames is computed)",
             field=str(path),
         )
-
-
-def frames_at(path: Path, numbers: Iterable[int]) -> Iterator[tuple[int, Gray]]:
-    """Yield some frames in ascending order, each once: number and grey picture.
-
-    Frames in between are skipped without converting them, and only one picture is held in memory. Numbers beyond the
-    end of the video are left out.
-
-    Args:
-        numbers: of the frames, from 0 as ``frames_of`` counts them, in any order.
-    """
-    at = 0  # number of the next frame
-    with _opened(path) as capture:
-        for number in sorted(set(numbers)):
-            while at < number and capture.grab():  # skips a frame
-                at += 1
-            if at < number:
-                return
-            read, frame = capture.read()
-            if not read:
-                return
-            at += 1
-            yield number, grey(frame)
 
 
 def uneven_frames(time_s: Floats) -> tuple[float, float, float] | None:
