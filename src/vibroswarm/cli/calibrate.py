@@ -11,7 +11,7 @@ from vibroswarm.cli.deliver import print_document, print_saved_file
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Force, Json, TomlFile
 from vibroswarm.cli.progress import progress_bar
-from vibroswarm.cli.scenario_options import refuse_settings, scenario_named
+from vibroswarm.cli.scenario_options import scenario_named
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, write_text
 from vibroswarm.errors import named
@@ -110,37 +110,6 @@ def figures(
     at = next(iter(results.values())).scenario.sensor.rms_threshold if at is None else at
     found = {folder: figures_of(result, at) for folder, result in results.items()}
     print_document(figures_document(found, at), as_json=json)
-
-
-def effect(
-    first: Annotated[str, Option("preset or file (default paper)", "FIRST")] = "paper",
-    second: Annotated[str, Option("preset or file (default calibrated)", "SECOND")] = "calibrated",
-    /,
-    *,
-    runs: Annotated[int, Option("runs of each scenario and seed", low=2, high=100_000)] = 1000,
-    seed: Annotated[int, Option("first of two seeds", "S", low=0, high=2**62)] = 1,
-    settings: Annotated[
-        Sequence[str],
-        Option("set a field of both scenarios; may be repeated", "FIELD=VALUE", name="--set"),
-    ] = (),
-    json: Json = False,
-) -> None:
-    """Compare two presets or scenario files on the same floors, for three strategies.
-
-    Paired by run, and repeated on other seeds.
-
-    example:
-      vibroswarm calibrate effect paper calibrated --runs 1000
-    """
-    from vibroswarm.calibrate.effect import STRATEGIES, effects
-    from vibroswarm.documents.calibration import effect_document
-
-    scenarios = (scenario_named(first, settings), scenario_named(second, settings))
-    players = [one.with_values({"strategy.name": name}) for one in scenarios for name in STRATEGIES]
-    refuse_settings(settings, players)
-    with progress_bar("runs") as progress:
-        results = effects(*scenarios, runs, seed, progress=progress, names=(first, second))
-    print_document(effect_document(*results), as_json=json)
 
 
 def bursts(

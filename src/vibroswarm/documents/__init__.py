@@ -27,7 +27,6 @@ DOCUMENTS: Final = {
     "vibroswarm.league.standings.League": "league:entries_document",
     "vibroswarm.league.standings.Standings": "league:league_document",
     "vibroswarm.league.tuning.Tuned": "league:tune_document",
-    "vibroswarm.calibrate.effect.Effect": "calibration:effect_document",
     "vibroswarm.calibrate.fit.Fit": "fit:fit_document",
     "vibroswarm.calibrate.message_loss.LossFits": "calibration:message_loss_document",
     "vibroswarm.calibrate.real_vs_simulated.Comparison": "calibration:comparison_document",

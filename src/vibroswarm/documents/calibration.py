@@ -1,7 +1,7 @@
 """The documents of ``calibrate``, but that of a fit.
 
-They are of comparisons of recordings with simulations (of one, of several, and of figures side by side), of the effect
-of changing from one scenario to another, and of the loss of messages.
+They are of comparisons of recordings with simulations (of one, of several, and of figures side by side), and of the
+loss of messages.
 """
 
 from __future__ import annotations
@@ -14,11 +14,8 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.analysis.paired import ESTIMATED, Confirmation
 from vibroswarm.calibrate.classifier import FEWEST, STRETCH, ClassifierAccuracy, least_recognised
-from vibroswarm.calibrate.effect import Effect
 from vibroswarm.calibrate.features import BELOW, FEATURES, WORDS
 from vibroswarm.calibrate.interval_classifier import LEAST, IntervalAccuracy
 from vibroswarm.calibrate.message_loss import LEAST_GAIN, STEPS, LossFits
@@ -26,9 +23,8 @@ from vibroswarm.calibrate.real_vs_simulated import Comparison
 from vibroswarm.calibrate.session_statistics import FIGURES, Figure
 from vibroswarm.calibrate.similarity import EnergyDistance, Spread
 from vibroswarm.core.numbers import count, listed, number, percent, plus_minus, stated, with_limits
-from vibroswarm.documents.cell_figures import columns_of, estimate_of, figure_columns, flat_row
-from vibroswarm.documents.knowledge import told
-from vibroswarm.show.document import Column, Document, Part, Table, Text, limits_of
+from vibroswarm.documents.cell_figures import columns_of, estimate_of, flat_row
+from vibroswarm.show.document import Column, Document, Part, Table, Text
 
 DISTANCES: Final = (
     "Energy distance, effect size (0: same distribution, 1: no overlap; in brackets 95 % over sessions)."
@@ -379,109 +375,6 @@ def _joined(tables: Mapping[str, Mapping[str, pl.DataFrame]]) -> dict[str, pl.Da
         ]
         joined[name] = pl.concat(parts, how="diagonal_relaxed") if parts else pl.DataFrame()
     return joined
-
-
-def effect_document(*found: Effect) -> Document:
-    """Return what changes from the first scenario to the second, under each strategy: all effects of one comparison."""
-    return Document(
-        title=" and ".join(found[0].names),
-        answer=tuple(map(_change, found)),
-        knew=told(scenario for effect in found for scenario in effect.scenarios),
-        parts=(_figures(found), _differences(found)),
-        data={"consensus": _consensus(found), "differences": _differences_by_seed(found)},
-    )
-
-
-def _change(effect: Effect) -> str:
-    """Say how the first figure changes, the decision time or the error, and whether other seeds confirm it."""
-    one = effect.differences[0]
-    title = BY_COLUMN[one.first.figure].title
-    return f"{effect.strategy}: {title} {_minus(effect)} {_difference(one)}; {_says(one)}."
-
-
-def _difference(one: Confirmation) -> str:
-    """Write a difference: times in whole seconds, shares in points, other figures as in a study."""
-    figure = BY_COLUMN[one.first.figure]
-    unit = "points" if figure.is_share else figure.unit
-    decimals = 1 if figure.is_share else 4 if figure.by_run in ESTIMATED else 0 if figure.unit else 3
-    return with_limits(one.first.difference, unit, decimals, sign=True)
-
-
-def _minus(effect: Effect) -> str:
-    return f"{effect.names[1]} - {effect.names[0]}"
-
-
-def _says(one: Confirmation) -> str:
-    """Return whether other seeds confirm a difference, if it is significant; ``-`` if no run has the figure."""
-    if not one.first.pairs:
-        return "-"
-    return one.says if one.first.difference.excludes(0.0) else "no significant difference"
-
-
-def _figures(found: Sequence[Effect]) -> Table:
-    """Return a row for each strategy and scenario: means over runs, and the shares of runs by consensus.
-
-    Where the task asks for a number, there is no consensus.
-    """
-    estimates = set(ESTIMATED) == set(found[0].figures[0])
-    shown = ESTIMATED if estimates else ("decision_time_s", "belief_in_truth")
-    rows = []
-    for effect in found:
-        for name, figures, shares in zip(effect.names, effect.figures, effect.consensus, strict=True):
-            row: dict[str, Any] = {"strategy": effect.strategy, "scenario": name}
-            for figure in shown:
-                row |= zip((figure, *limits_of(figure)), figures[figure][:3], strict=True)
-            if not estimates:
-                row |= {f"swarm_{outcome}": share for outcome, share in shares.items()}
-            rows.append(row)
-    frame = pl.DataFrame(rows)
-    caption = f"Means over runs (95 %){'' if estimates else ', and shares of runs by consensus'}."
-    return Table(frame, figure_columns(), caption, "figures", names=2)
-
-
-def _differences(found: Sequence[Effect]) -> Table:
-    rows = []
-    for effect in found:
-        for one in effect.differences:
-            title = BY_COLUMN[one.first.figure].title
-            rows.append((effect.strategy, title, _difference(one), _says(one)))
-    frame = pl.DataFrame(rows, schema=["strategy", "figure", "difference", "verdict"], orient="row")
-    columns = {"verdict": Column(prose=True)}
-    return Table(
-        frame,
-        columns,
-        f"{_minus(found[0])}, paired by run (95 %); points: percentage points.",
-        "differences",
-        names=2,
-    )
-
-
-def _consensus(found: Sequence[Effect]) -> pl.DataFrame:
-    return pl.DataFrame(
-        [
-            {"strategy": effect.strategy, "scenario": name, **shares}
-            for effect in found
-            for name, shares in zip(effect.names, effect.consensus, strict=True)
-        ]
-    )
-
-
-def _differences_by_seed(found: Sequence[Effect]) -> pl.DataFrame:
-    return pl.DataFrame(
-        [
-            {
-                "strategy": effect.strategy,
-                "block": place,
-                **block.as_row(),
-                "confirmed": one.confirmed,
-                "says": one.says,
-            }
-            for effect in found
-            for one in effect.differences
-            for place, block in enumerate((one.first, one.second), start=1)
-        ],
-        infer_schema_length=None,
-    )
 
 
 def message_loss_document(found: LossFits) -> Document:
