@@ -61,13 +61,13 @@ def scikit_learn(module: str) -> Any:
     return needed(f"sklearn.{module}", "lab", "calibrate")
 
 
-def mean_accuracy(classifier: Any, rows: Floats, label: Ints, splits: Iterable[tuple[Ints, Ints]]) -> float:
+def _mean_accuracy(rows: Floats, label: Ints, splits: Iterable[tuple[Ints, Ints]]) -> float:
     """Return the mean balanced accuracy over the splits, or NaN if there is none.
 
     A split that trains or tests a single class is left out.
 
     Args:
-        classifier: of scikit-learn, untrained. rows: features, (rows, columns). label: class of each row, 0 or 1.
+        rows: features, (rows, columns). label: class of each row, 0 or 1.
         splits: indices of the rows that are trained on, and of those that are tested.
     """
     whole = [split for split in splits if all(np.unique(label[part]).size == 2 for part in split)]
@@ -76,7 +76,7 @@ def mean_accuracy(classifier: Any, rows: Floats, label: Ints, splits: Iterable[t
     # Threads cost more than they save with so few rows: fifty times as much on a busy machine.
     with threadpool_limits(1):
         shares = scikit_learn("model_selection").cross_val_score(
-            classifier, rows, label, cv=whole, scoring="balanced_accuracy", error_score="raise"
+            stretch_classifier(), rows, label, cv=whole, scoring="balanced_accuracy", error_score="raise"
         )
     return float(np.mean(shares))
 
@@ -329,7 +329,7 @@ def _accuracy_over_robots(train: Classes, test: Classes, robots: Sequence[int]) 
         (np.flatnonzero(trained.robot != robot), len(trained.robot) + np.flatnonzero(tested.robot == robot))
         for robot in robots
     ]
-    return mean_accuracy(stretch_classifier(), both[0], both[1], splits)
+    return _mean_accuracy(both[0], both[1], splits)
 
 
 def _accuracy_between(one: Stretches, other: Stretches, robots: Sequence[int]) -> float:

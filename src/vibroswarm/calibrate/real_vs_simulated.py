@@ -1,4 +1,4 @@
-"""Compare real with simulated samples: the paper's six similarities, energy distances, and classifiers' accuracies.
+"""Compare real with simulated samples: the paper's six similarities, energy distances, and a classifier's accuracies.
 
 The similarities come with their null and ceiling (``similarity``). The distributions of real and simulated samples are
 also drawn side by side, feature by feature, as in the paper's calibration figures.
@@ -18,7 +18,6 @@ from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.classifier import ClassifierAccuracy, classifier_accuracy, scikit_learn
 from vibroswarm.calibrate.features import FEATURES, WORDS, Sessions, sessions_of
 from vibroswarm.calibrate.histograms import AXES, draw_panel, highest_of, histograms_of
-from vibroswarm.calibrate.interval_classifier import IntervalAccuracy, interval_accuracy
 from vibroswarm.calibrate.similarity import (
     EnergyDistance,
     RealCache,
@@ -56,8 +55,6 @@ class Comparison(NotebookView):
     """The camera through which the simulated positions were seen; ``RIGHT`` is an exact camera."""
     without_camera: tuple[Similarity, ...] = ()
     """The similarities of the positions as simulated; empty if the camera is exact."""
-    intervals: IntervalAccuracy | None = None
-    """How well undisturbed intervals are distinguished; None if not requested, or if there are too few intervals."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return nested plain values for JSON."""
@@ -69,7 +66,6 @@ class Comparison(NotebookView):
             "missing": list(self.missing),
             "camera": asdict(self.camera),
             "similarities_without_camera": [row.as_dict() for row in self.without_camera],
-            "intervals_told_apart": None if self.intervals is None else asdict(self.intervals),
         }
 
 
@@ -117,7 +113,6 @@ def compare(
     known: RealCache | None = None,
     *,
     camera: Camera | None = None,
-    intervals: bool = False,
 ) -> Comparison:
     """Compare the samples of two results; each run is a session.
 
@@ -127,12 +122,10 @@ def compare(
         known: distances among the sessions of ``real`` from earlier calls with the same ``real``, by feature; this call
             adds those that are missing. None: they are computed.
         camera: the camera through which simulated positions are seen; by default ``camera_between``.
-        intervals: whether to compare undisturbed intervals too: those between two samples in which the robot
-            only drove. It takes half a minute.
     Raises:
         InputError: no samples, no energies, or too few of them to compare anything; or scikit-learn is not installed.
     """
-    scikit_learn("model_selection")  # without it the classifiers would fail, at the end
+    scikit_learn("model_selection")  # without it the classifier would fail, at the end
     for words, result in (("the recording", real), ("the simulation", simulated)):
         check_kind(result, Result, words, "a Result or a Recording")
         if result.observations.is_empty():
@@ -166,7 +159,6 @@ def compare(
         without_camera=()
         if camera == RIGHT
         else tuple(_similarities(real_sessions, sessions_of(simulated)).values()),
-        intervals=interval_accuracy(real_sessions.samples, simulated_sessions.samples) if intervals else None,
     )
 
 

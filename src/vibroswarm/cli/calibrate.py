@@ -35,12 +35,6 @@ def compare(
             "take simulated positions as they are, not as the camera of SIM's scenario ([camera]) would see them"
         ),
     ] = False,
-    intervals: Annotated[
-        bool,
-        Option(
-            "also classify undisturbed intervals by turn and distance, with boosted trees (half a minute)"
-        ),
-    ] = False,
     json: Json = False,
 ) -> None:
     """Compare the samples of a recording with simulations of the same floor and settings; each run is a session.
@@ -71,21 +65,21 @@ def compare(
         with named("--picture", of="--out"):
             check_suffix(picture, SUFFIXES)  # before the comparison, which takes seconds
     if len(simulated) > 1:
-        for option, given in (("--picture", picture), ("--pictures", pictures), ("--intervals", intervals)):
+        for option, given in (("--picture", picture), ("--pictures", pictures)):
             refuse(given, option, "is for one simulation; give one SIM")
         results = {str(folder): read_result(folder) for folder in simulated}
         several = compare_several(read_result(real), results, camera=camera, name=str(real))
         print_document(comparisons_document(several), as_json=json)
         return
     recorded, simulation = read_result(real), read_result(simulated[0])
-    comparison = compare(recorded, simulation, camera=camera, intervals=intervals)
+    comparison = compare(recorded, simulation, camera=camera)
     if picture is not None:
         with named("--picture", of="--out"):
             write_comparison_picture(recorded, simulation, comparison, picture)
     if pictures is not None:
         refuse(pictures.is_file(), str(pictures), "is a file; give the name of a folder")
         write_comparison_pictures(recorded, simulation, comparison, pictures)
-    print_document(comparison_document(comparison, intervals=intervals), as_json=json)
+    print_document(comparison_document(comparison), as_json=json)
 
 
 def _refuse_twice(folders: Sequence[Path], field: str) -> None:

@@ -6,7 +6,6 @@ loss of messages.
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -17,7 +16,6 @@ import polars as pl
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.calibrate.classifier import FEWEST, STRETCH, ClassifierAccuracy, least_recognised
 from vibroswarm.calibrate.features import BELOW, FEATURES, WORDS
-from vibroswarm.calibrate.interval_classifier import LEAST, IntervalAccuracy
 from vibroswarm.calibrate.message_loss import LEAST_GAIN, STEPS, LossFits
 from vibroswarm.calibrate.real_vs_simulated import Comparison
 from vibroswarm.calibrate.session_statistics import FIGURES, Figure
@@ -41,13 +39,10 @@ CLASSIFIERS: Final = {
 """What a classifier tells apart, by field of ``ClassifierAccuracy``."""
 
 
-def comparison_document(found: Comparison, *, intervals: bool = False) -> Document:
+def comparison_document(found: Comparison) -> Document:
     """Return what the comparison of a recording with a simulation says.
 
     With a single real session nothing is compared between real sessions.
-
-    Args:
-        intervals: whether undisturbed intervals were to be told apart, so that their absence is explained.
     """
     seen = (
         f"Simulated positions are as the camera of the recordings would see them ({found.camera.words}); --no-camera "
@@ -62,7 +57,6 @@ def comparison_document(found: Comparison, *, intervals: bool = False) -> Docume
             _similarities(found),
             _distances(found),
             *_recognised(found),
-            *_intervals(found, intervals),
         ),
         data=_tables_for_json(found),
     )
@@ -253,45 +247,6 @@ def _recognised(found: Comparison) -> list[Part]:
     return [Table(frame, {"share": Column(share=True)}, RECOGNISED, "told_apart")]
 
 
-def _intervals(found: Comparison, requested: bool) -> list[Part]:
-    """Return the shares of undisturbed intervals that boosted trees recognise by turn and distance.
-
-    In an undisturbed interval a robot drives from one sample to the next without avoidance or turn.
-    """
-    if found.intervals is None:
-        few = f"A session has fewer than {LEAST} undisturbed intervals: too few to tell them apart (--intervals)."
-        return [Text(few)] if requested else []
-    rows = [
-        {
-            "recognised": name,
-            **_range_of("same_robots", accuracy.same_robots),
-            **_range_of("other_robots", accuracy.other_robots),
-        }
-        for name, accuracy in (
-            ("real or simulated", found.intervals.simulated),
-            ("which real session", found.intervals.real),
-        )
-        if accuracy.same_robots  # empty if there is no pair of sessions: a single real session
-    ]
-    columns = {
-        "same_robots": Column("same robots", share=True),
-        "other_robots": Column("other robots", share=True),
-    }
-    caption = (
-        "Undisturbed intervals that boosted trees recognise by turn and distance (with range over pairs)."
-    )
-    # turn of turn_rad, distance of distance_m
-    alone = (
-        f"{percent(share)} by {name.partition('_')[0]}" for name, share in found.intervals.by_feature.items()
-    )
-    words = f"Real or simulated, same robots, by one feature alone: {listed(alone)}."
-    return [Table(pl.DataFrame(rows), columns, caption, "intervals_told_apart"), Text(words)]
-
-
-def _range_of(name: str, shares: tuple[float, ...]) -> dict[str, float]:
-    return {name: statistics.mean(shares), f"{name}_low": min(shares), f"{name}_high": max(shares)}
-
-
 def _several_distances(found: Mapping[str, Comparison], names: Mapping[str, str]) -> Table:
     """Return energy distances with a column for each simulation; those among real sessions are the same in all."""
     by_feature = {folder: {one.feature: one for one in each.distances} for folder, each in found.items()}
@@ -340,7 +295,6 @@ def _tables_for_json(found: Comparison) -> dict[str, pl.DataFrame]:
         ),
         "energy_distances": pl.DataFrame([_distance(one) for one in found.distances]),
         "told_apart": _told_apart(found),
-        "intervals_told_apart": _shares_by_pair_of_sessions(found.intervals),
         "camera": pl.DataFrame([asdict(found.camera)]),
         "missing": pl.DataFrame({"feature": found.missing}, schema={"feature": pl.String}),
     }
@@ -352,16 +306,6 @@ _SPREADS: Final = ("by_session", "real_by_session")
 
 def _distance(one: EnergyDistance) -> dict[str, Any]:
     return {"feature": one.feature, **columns_of("effect", one.effect), **columns_of("real", one.real)}
-
-
-def _shares_by_pair_of_sessions(found: IntervalAccuracy | None) -> pl.DataFrame:
-    rows = [] if found is None else [
-        {"recognised": name, "robots": split, "share": share}
-        for name, told in (("simulated", found.simulated), ("real", found.real))
-        for split, shares in asdict(told).items()
-        for share in shares
-    ]  # fmt: skip
-    return pl.DataFrame(rows)
 
 
 def _joined(tables: Mapping[str, Mapping[str, pl.DataFrame]]) -> dict[str, pl.DataFrame]:
