@@ -26,7 +26,6 @@ from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
 from vibroswarm.calibrate.fit_rays import GRID_DEG, fit_rays
 from vibroswarm.calibrate.fit_sensor import DIGITS, SPREADS, fit_sensor
 from vibroswarm.calibrate.fit_sensor import FIELDS as LAWS
-from vibroswarm.calibrate.fit_vibration import VibrationFit, fit_vibration
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import listed, stated
@@ -81,8 +80,6 @@ class Fit(NotebookView):
     """Number of recorded sessions."""
     camera: Camera
     """How positions were seen in the recordings; the scenario uses corrected positions."""
-    vibration: VibrationFit | None = None
-    """The fit of the physics of vibration, if the base has the sensor ``acceleration``; else laws are fitted."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return all results but the scenario as nested plain values for JSON, with ``LACKS``.
@@ -108,7 +105,6 @@ def fit(
     base: Scenario,
     *,
     candidates: int | None = None,
-    folds: bool = False,
     errors: bool = True,
     progress: Callable[[float], None] | None = None,
 ) -> Fit:
@@ -119,7 +115,6 @@ def fit(
         base: scenario of what the robots were programmed to do, and of all that is not fitted. Its fields of individual
             robots and of variations are reset where the fit gives none.
         candidates: number of parameter vectors that the fit of avoidance simulates; None: its default.
-        folds: whether the physics of vibration is also fitted to all sessions but one in turn, and judged on that one.
         errors: whether bootstraps find the errors of estimates; if not, the fit is the same some seconds sooner, and
             lists only the estimates that have errors without them.
         progress: called with the share of the avoidance simulations that is done, 0 to 1.
@@ -130,10 +125,10 @@ def fit(
     # The base may have been fitted to other recordings, with another camera.
     base = base.with_values({f"camera.{name}": None for name in Camera.__dataclass_fields__})
     work = _Work(
-        found, base, candidates=CANDIDATES if candidates is None else candidates, folds=folds,
+        found, base, candidates=CANDIDATES if candidates is None else candidates,
         of_errors={} if errors else {"draws": 0}, progress=progress,
     )  # fmt: skip
-    parts = [part for source in FITS if (part := _part_of(source, work)) is not None]
+    parts = [_part_of(source, work) for source in FITS]
     return Fit(
         scenario=_fitted(base, work.fields),
         changed=_without_missing(work.fields),
@@ -142,7 +137,6 @@ def fit(
         motion_runs=work.avoidance.runs,
         sessions=len(found.sessions),
         camera=work.camera,
-        vibration=work.vibration,
     )
 
 
@@ -154,7 +148,6 @@ class _Work:
     """The sessions; with the places of robots corrected once the camera is fitted."""
     base: Scenario
     candidates: int
-    folds: bool
     of_errors: dict[str, int]
     """Number of bootstrap draws, if it is not the default of each fit."""
     progress: Callable[[float], None] | None
@@ -163,7 +156,6 @@ class _Work:
     camera: Camera = field(default_factory=Camera)
     speed_m_s: float = math.nan
     """Mean speed of the scenario's robots at the start."""
-    vibration: VibrationFit | None = None
     avoidance: AvoidanceFit = field(init=False)
 
     @property
@@ -191,19 +183,17 @@ class Source(NotebookView):
     """Samples, or intervals between two samples of a robot, that it uses."""
     error: str
     """How the errors of its estimates are found; "none: ..." if it has none."""
-    estimate: Callable[[_Work], _Part | None] = field(repr=False)
-    """Does the fit; None where another one is done in its place."""
+    estimate: Callable[[_Work], _Part] = field(repr=False)
+    """Does the fit."""
 
 
-def _part_of(source: Source, work: _Work) -> _Part | None:
+def _part_of(source: Source, work: _Work) -> _Part:
     """Return what a fit gives, and add its fields to those of the fits before it.
 
     Raises:
         AssertionError: it gives a field that its row in ``FITS`` does not name, or errors where that has none.
     """
     part = source.estimate(work)
-    if part is None:
-        return None
     sections = tuple(name for name in source.fields if name.endswith("."))
     others = [name for name in part.fields if name not in source.fields and not name.startswith(sections)]
     assert not others, f"the fit of {source.name} gives {', '.join(others)}"
@@ -241,9 +231,9 @@ def _of_drive(work: _Work) -> _Part:
     return _Part(fields, _estimates("", found.values, found.draws, ("slow_share",), work.robots))
 
 
-def _of_sensor(work: _Work) -> _Part | None:
+def _of_sensor(work: _Work) -> _Part:
     if work.base.sensor.model == "acceleration":
-        return None
+        return _Part({})
     found = fit_sensor(work.found, **work.of_errors)
     # A spread field must be positive, and is absent without a spread.
     fields = {
@@ -251,15 +241,6 @@ def _of_sensor(work: _Work) -> _Part | None:
         for name, value in found.rounded(found.values).items()
     }
     return _Part(fields, _estimates("sensor.", found.values, found.draws, LAWS, work.robots))
-
-
-def _of_vibration(work: _Work) -> _Part | None:
-    if work.base.sensor.model != "acceleration":
-        return None
-    found = work.vibration = fit_vibration(work.found, work.base, folds=work.folds)
-    section = "sensor.acceleration."
-    fields = {f"{section}{name}": round(value, DIGITS) for name, value in found.values.items()}
-    return _Part(fields, _estimates(section, found.values, found.draws))
 
 
 def _of_interruption(work: _Work) -> _Part:
@@ -402,10 +383,6 @@ FITS: Final = (
         "laws of energy", tuple(f"sensor.{name}" for name in (*LAWS, *SPREADS)), "all samples",
         "bootstrap over robots in sessions, with the error of the mean factor; of spreads, chi-square of the groups",
         _of_sensor,
-    ),
-    Source(
-        "vibration, in place of laws", ("sensor.acceleration.",), "all samples",
-        "bootstrap of robots and tiles in sessions; of spreads, chi-square of the groups", _of_vibration,
     ),
     Source(
         "interruption", ("sample.interrupts_avoidance",), "with avoidance", "none: yes or no", _of_interruption

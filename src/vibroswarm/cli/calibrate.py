@@ -176,7 +176,7 @@ def fit(
     # the sessions of another simulator, whose similarity to the held-out sessions is printed beside that of the fit
     other = None if against is None else dataset_of([read_result(against)])
     with progress_bar("fit") as progress:
-        fitted = fitted_to(dataset, scenario, candidates=candidates, folds=folds, progress=progress)
+        fitted = fitted_to(dataset, scenario, candidates=candidates, progress=progress)
     judged = []
     if folds:
         with progress_bar("folds") as progress:

@@ -14,8 +14,6 @@ from vibroswarm.calibrate.classifier import STRETCH
 from vibroswarm.calibrate.cross_validation import Fold
 from vibroswarm.calibrate.features import WORDS
 from vibroswarm.calibrate.fit import LACKS, Fit
-from vibroswarm.calibrate.fit_vibration import FoldMisfit, Misfit, VibrationFit
-from vibroswarm.calibrate.reading import Reading
 from vibroswarm.core.numbers import (
     Estimate,
     count,
@@ -23,7 +21,6 @@ from vibroswarm.core.numbers import (
     listed,
     number,
     percent,
-    plus_minus,
     with_limits,
 )
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
@@ -56,7 +53,6 @@ def fit_document(found: Fit, judged: Sequence[Fold] = ()) -> Document:
         _settings(found),
         Table(pl.DataFrame(estimates), columns, "Estimates behind them.", "figures"),
         _predicted(found),
-        *(_vibration_tables(found.vibration) if found.vibration is not None else ()),
         Section("What the model lacks", tuple(map(Text, LACKS))),
         *(_held_out(judged) if judged else ()),
     ]
@@ -110,78 +106,6 @@ def _predicted(found: Fit) -> Table:
     caption = "Predictive check of avoidance: recorded, and 95 % of single sessions simulated with the fit."
     columns = {"verdict": Column(tones={"outside": "bad"})}
     return Table(pl.DataFrame(rows), columns, caption, "predictive_check")
-
-
-def _vibration_tables(fitted: VibrationFit) -> list[Table]:
-    folds = [_vibration_folds(fitted.folds)] if fitted.folds else []
-    return [_vibration_features(fitted), _vibration_facts(fitted.facts), *folds]
-
-
-def _vibration_features(fitted: VibrationFit) -> Table:
-    """Return recorded and simulated features: of all sessions, and how far each one is off in a session not seen."""
-    judged = fitted.misfit
-    rows = [
-        {
-            "feature": name,
-            "recorded": plus_minus(judged.recorded[k], judged.recorded_error[k], 2),
-            "simulated": number(judged.simulated[k], 2),
-            "difference": _difference(judged, k),
-        }
-        | {f"session_{fold.session + 1}": _difference(fold.outside, k) for fold in fitted.folds}
-        for k, name in enumerate(fitted.names)
-    ]
-    columns = {
-        f"session_{fold.session + 1}": Column(f"not seen: session {fold.session + 1}")
-        for fold in fitted.folds
-    }
-    caption = (
-        f"Energies at the recorded places, with one standard error; relative RMS of the differences: "
-        f"{percent(judged.value)}."
-    )
-    return Table(pl.DataFrame(rows), columns, caption, "vibration")
-
-
-def _difference(judged: Misfit, k: int) -> str:
-    """Return by how much a simulated feature is off, with the standard error of the recorded one."""
-    recorded, error = judged.recorded[k], judged.recorded_error[k]
-    return f"{number(100.0 * (judged.simulated[k] / recorded - 1.0), 0, sign=True)} ± {percent(error / recorded, 0)}"
-
-
-def _vibration_facts(facts: Sequence[Reading]) -> Table:
-    """Return what no feature of the misfit holds: scatter in time, of tiles and robots, and samples beside tiles."""
-    rows = [
-        {
-            "fact": fact.name,
-            "recorded": number(fact.recorded, 2),
-            "simulated": plus_minus(fact.simulated, fact.spread, 2),
-            "deviation": number(fact.deviation, 1, sign=True),
-        }
-        for fact in facts
-    ]
-    columns = {"deviation": Column("deviation, in s.d. of a simulation")}
-    caption = "Not in the misfit; ± one standard deviation of simulations of all sessions."
-    return Table(pl.DataFrame(rows), columns, caption, "vibration_facts")
-
-
-def _vibration_folds(folds: Sequence[FoldMisfit]) -> Table:
-    """Return the misfit in sessions that the fit has not seen."""
-    rows = [
-        {
-            "session": fold.session + 1,
-            "inside": percent(fold.inside),
-            "outside": f"{percent(fold.outside.value)} ± {percent(fold.outside.error)}",
-            "forecast": percent(fold.forecast),
-        }
-        for fold in folds
-    ]
-    columns = {
-        "session": Column("session left out"),
-        "inside": Column("misfit to the others"),
-        "outside": Column("misfit to it"),
-        "forecast": Column("misfit of the others as its forecast"),
-    }
-    words = "The physics fitted to all sessions but one, and judged on that one; ± one standard error."
-    return Table(pl.DataFrame(rows), columns, words, "vibration_folds")
 
 
 def _validity(judged: Sequence[Fold]) -> str:
