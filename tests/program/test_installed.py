@@ -194,7 +194,6 @@ def test_every_command_of_the_readme_works_from_the_wheel_alone(installed: Path,
 
 NEED_EXTRAS = {
     "physics": ["run", "--motion", "mujoco"],
-    "view": ["view", "first"],
     "video": ["lab", "track", "video.mp4", "--markers", "0,1", "--out", "tracked"],
     "optimize": ["optimize", "--method", "tpe", "--budget", "600"],
     "lab": ["calibrate", "compare", "first", "first"],

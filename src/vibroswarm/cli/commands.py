@@ -103,7 +103,6 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
     "results": (
         Command("show", "show state and results of a folder or file that a command has written", "show:show"),
         Command("verify", "simulate saved runs again: are they the same?", "verify:verify"),
-        Command("view", "show a run in three dimensions, in a browser on this machine", "view:view"),
     ),
     "names": (
         Command("strategies", "list strategies, with one line each", "known:strategies"),

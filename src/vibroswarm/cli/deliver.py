@@ -263,14 +263,14 @@ def _names_in(folder: Path) -> list[str]:
     return [*files, *([f"tables ({', '.join(kinds)})"] if kinds else []), *folders]
 
 
-def open_page(address: Path | str) -> bool:
+def open_page(page: Path) -> bool:
     """Open a page in the browser and return True; if that fails, print on stderr what to do, and return False."""
     import webbrowser
 
     with suppress(webbrowser.Error):
-        if has_display() and webbrowser.open(address.as_uri() if isinstance(address, Path) else address):
+        if has_display() and webbrowser.open(page.as_uri()):
             return True
-    terminal.say(f"vibroswarm: no browser can be opened here; open {address} on a machine that has one")
+    terminal.say(f"vibroswarm: no browser can be opened here; open {page} on a machine that has one")
     return False
 
 

@@ -35,14 +35,10 @@ def command(*arguments: str) -> list[str]:
     return [sys.executable, "-P", *arguments]
 
 
-def environment(**changed: str) -> dict[str, str]:
-    """Return the environment variables for ``command``: those of this process, with its search path.
-
-    Args:
-        changed: variables to add or to replace.
-    """
+def environment() -> dict[str, str]:
+    """Return the environment variables for ``command``: those of this process, with its search path."""
     # An empty entry would be the working folder.
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **changed}
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
 
 
 @contextmanager

@@ -56,7 +56,6 @@ LAYERS_ABOVE: Final = (
     "plots",
     "show",
     "run_page",
-    "view",
     "study",
     "optimize",
     "league",

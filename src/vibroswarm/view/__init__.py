@@ -1,1 +1,0 @@
-"""An inspection in three dimensions, in a browser (viser)."""
