@@ -30,7 +30,6 @@ pytest_plugins = [
 ]
 
 # The settings of whoever runs the tests change nothing.
-os.environ["VIBROSWARM_CONFIG"] = ""
 os.environ.pop("FORCE_COLOR", None)
 
 # A tenth of the time went into looking for garbage among the libraries and tests that are loaded: Python looks less

@@ -210,7 +210,7 @@ def _command(argv: Sequence[str] | None) -> int:
 
     Tests run several commands in one process, so the state that an earlier command left is cleared first.
     """
-    from vibroswarm.cli import commands, scenario_options, terminal, user_settings
+    from vibroswarm.cli import commands, scenario_options, terminal
     from vibroswarm.cli.options import Printing, run_plain
 
     words = sys.argv[1:] if argv is None else list(argv)
@@ -232,7 +232,6 @@ def _command(argv: Sequence[str] | None) -> int:
         top.print_help()
         return 0
     command, values = commands.parsed(words[first:], words[:first])
-    user_settings.apply(user_settings.read(), values, words)
     user_code, printing = commands.common(values)
     terminal.use(printing, own_process=argv is None)
     with ExitStack() as stack:

@@ -12,8 +12,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from typing import TYPE_CHECKING, Final, TextIO
 
-from vibroswarm.cli import user_settings
-
 if TYPE_CHECKING:
     from vibroswarm.cli.options import Printing
 
@@ -114,7 +112,7 @@ def _verbose_line(text: str) -> None:
 
 @contextmanager
 def verbose() -> Iterator[None]:
-    """Inside the context of a command, report on stderr its versions, settings, loaded kernels and end, with times.
+    """Inside the context of a command, report on stderr its versions, loaded kernels and end, with times.
 
     Nothing is reported unless ``--verbose`` is set (``_verbose_line``).
     """
@@ -123,10 +121,6 @@ def verbose() -> Iterator[None]:
 
     _since_s[0] = time.monotonic()
     _verbose_line(", ".join(f"{name} {value}" for name, value in versions().items()))
-    if (settings := user_settings.read()) and (path := user_settings.location()):
-        _verbose_line(
-            f"settings of {path}: {', '.join(f'{name} {value}' for name, value in settings.items())}"
-        )
     if compiles():
         _verbose_line(f"cache of compiled kernels: {cache_folder() or 'none can be used'}")
     if not _listens:
