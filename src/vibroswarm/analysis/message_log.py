@@ -15,7 +15,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import read_only
-from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import silent_ticks
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import sent_messages
@@ -34,16 +33,12 @@ NOT_DUE: Final = 2
 """Not lost, but not read: it arrived after the last tick at which the robot read messages."""
 OWN: Final = 3
 """The robot sent it."""
-MAX_ENTRIES: Final = 50_000_000
-"""Largest size of a log: number of messages times number of robots."""
 
 
 @dataclass(frozen=True, eq=False)
 class MessageLog:
     """The messages of a run, in the order of time and sender; robots by number."""
 
-    tick_s: float
-    """Length of a tick, s."""
     sender: NDArray[np.int64]
     """(messages,): number of the robot that sent it."""
     tick: NDArray[np.int64]
@@ -52,11 +47,6 @@ class MessageLog:
     """(messages, robots): tick from which it can be read; -1: lost, or sent by this robot."""
     last_read_tick: NDArray[np.int64]
     """(robots,): last tick at which the robot read messages, before its radio was dead."""
-
-    @property
-    def time_s(self) -> NDArray[np.float64]:
-        """When each message was sent, (messages,)."""
-        return np.asarray(self.tick * self.tick_s)
 
     @cached_property
     def state(self) -> NDArray[np.uint8]:
@@ -67,55 +57,32 @@ class MessageLog:
         state[np.arange(self.sender.size), self.sender] = OWN
         return state
 
-    def counts(self, until_s: float = np.inf) -> pl.DataFrame:
-        """Count the messages that were sent up to the time ``until_s``, s.
+    def counts(self) -> pl.DataFrame:
+        """Count the messages.
 
-        Returns: one row per robot with numbers of messages: sent (by this robot), addressed (to this robot), and of the
-            addressed ones received, lost and not_due (not lost, but not read by the end).
+        Returns: one row per robot with numbers of messages: sent (by this robot), and of those to this robot received,
+            lost and not_due (not lost, but not read by the end).
         """
-        state = self.state[self.time_s <= until_s]
-        own, received, lost, not_due = (
-            (state == kind).sum(axis=0) for kind in (OWN, RECEIVED, LOST, NOT_DUE)
+        kinds = {"sent": OWN, "received": RECEIVED, "lost": LOST, "not_due": NOT_DUE}
+        robots = np.arange(self.state.shape[1], dtype=np.uint16)
+        return pl.DataFrame(
+            {"robot": robots, **{name: (self.state == kind).sum(axis=0) for name, kind in kinds.items()}}
         )
-        robots = np.arange(state.shape[1], dtype=np.uint16)
-        columns = {"sent": own, "addressed": state.shape[0] - own, "received": received, "lost": lost}
-        return pl.DataFrame({"robot": robots, **columns, "not_due": not_due})
-
-
-def log_size(result: Result, run: int = 0) -> int:
-    """Return the number of entries of a run's log, messages times robots, from the table of robots alone.
-
-    Callers compare it with a limit such as ``MAX_ENTRIES`` before they compute the log.
-    """
-    sent = result.robots.filter(pl.col("run") == run)["sent"].sum()
-    return int(sent) * result.scenario.swarm.robots
 
 
 def message_log(result: Result, run: int = 0) -> MessageLog:
     """Recompute when each message of a simulated run arrived at each robot.
 
     Raises:
-        InputError: the result is a recording, has no such run, has no moves although its network reads positions, or
-            has more than ``MAX_ENTRIES`` messages times robots.
+        InputError: the result has no moves although its network reads positions.
     """
     scenario, of_run = result.scenario, pl.col("run") == run
-    ends = result.ends.filter(of_run)
-    if result.seed is None:
-        raise InputError(
-            "is a recording, whose lost messages are not known; give a simulated result", field="result"
-        )
-    if ends.is_empty():
-        raise InputError(f"the result has no run {run}", field="run")
+    assert result.seed is not None  # it was simulated
     moves = None if result.moves is None else result.moves.filter(of_run)
-    motion = Motion(samples=result.motion.filter(of_run), ends=ends, moves=moves)
+    motion = Motion(samples=result.motion.filter(of_run), ends=result.ends.filter(of_run), moves=moves)
     timeline = timeline_of(scenario, motion)
     sender, tick = sent_messages(scenario, result.seed, timeline, result.observations.filter(of_run))
     robots, messages = scenario.swarm.robots, sender.size
-    if messages * robots > MAX_ENTRIES:
-        raise InputError(
-            f"{messages} messages to {robots} robots are too many to list: more than {MAX_ENTRIES} entries",
-            field="run",
-        )
     # compute_deliveries sends one message per row. A strategy may send at other times than its samples, so the rows and
     # stops given here are those of messages, not of samples. Arrival ticks depend only on run, sender and tick of the
     # messages, and on tracks. All other columns matter only for samples and for when messages are read: their values
@@ -142,7 +109,6 @@ def message_log(result: Result, run: int = 0) -> MessageLog:
     arrival_tick = np.full((messages, robots), -1, dtype=np.int64)  # filled by compute_deliveries
     compute_deliveries(scenario, result.seed, rows, stops, tracks, arrival_tick)
     return MessageLog(
-        tick_s=scenario.tick_s,
         sender=sender,
         tick=tick,
         arrival_tick=arrival_tick,

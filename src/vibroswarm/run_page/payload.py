@@ -23,7 +23,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.errors import check_choice
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.run_page.trajectory_thinning import Track, tracks
@@ -130,8 +129,6 @@ class RunRecord:
     time (s), 0 first, and the number from then on."""
     reported: int = 0
     """Number of values that robots report; those that ``reports`` lacks are not shown."""
-    radio: MessageLog | None = None
-    """The run's messages; None: every robot hears all messages, or it is not known which robots heard them."""
 
     def __post_init__(self) -> None:
         """Check the consensus.
@@ -232,9 +229,8 @@ def payload(record: RunRecord) -> dict[str, Any]:
     """Convert a run to dicts, lists, text, booleans, finite numbers and None, which the page's scripts read.
 
     Samples and places are packed columns (``packed_column``), sorted by robot and sample; a missing message is
-    ``UNKNOWN``, any other missing value nan. The radio's messages are packed too, and the maps, with beliefs rounded to
-    1/255. Trajectories are rounded, thinned and packed (``packed_track``). Everything else has the record's
-    values.
+    ``UNKNOWN``, any other missing value nan. The maps are packed too, with beliefs rounded to 1/255. Trajectories are
+    rounded, thinned and packed (``packed_track``). Everything else has the record's values.
     """
     samples = _joined(record)
     return {
@@ -264,7 +260,6 @@ def payload(record: RunRecord) -> dict[str, Any]:
         **({"reports": list(record.reports), "reported": record.reported} if record.reports else {}),
         "poses": _poses(record),
         "faults": list(map(dict, record.faults)),
-        "radio": None if record.radio is None else _radio(record.radio),
         "details": [[str(name), str(text)] for name, text in record.details.items()],
     }
 
@@ -340,19 +335,6 @@ def _maps(maps: MapsOverTime) -> dict[str, Any]:
         "count": beliefs.shape[1],
         "beliefs": packed_column(beliefs.ravel()),
     }
-
-
-def _radio(log: MessageLog) -> dict[str, Any]:
-    """Return the messages as packed columns: sender, time_s, and state.
-
-    The state of each message at each robot (``MessageLog.state``) is ordered by message, then by robot.
-    """
-    columns: dict[str, NDArray[np.generic]] = {
-        "sender": log.sender.astype(np.uint16),
-        "time_s": log.time_s,
-        "state": log.state.ravel(),
-    }
-    return {name: packed_column(column) for name, column in columns.items()}
 
 
 def _poses(record: RunRecord) -> dict[str, Any]:

@@ -17,7 +17,6 @@ import polars as pl
 from scipy.special import betainc
 
 from vibroswarm.analysis.map_figures import keeps_floor_map, maps_over_time
-from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
 from vibroswarm.analysis.reports_over_time import (
     estimates_of,
     report_headings,
@@ -37,7 +36,6 @@ from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError, check_kind, named, path_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.localisation.locate import is_estimated
-from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
 from vibroswarm.run_page.payload import MapsOverTime, RunRecord, packed_column, payload
@@ -68,7 +66,6 @@ SCRIPTS = (
     "map_layer.js",
     "map_view.js",
     "report_charts.js",
-    "radio.js",
     "zoom.js",
     "arena.js",
     "belief_axes.js",
@@ -207,7 +204,6 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         faults=() if result.faults is None else _faults_in(result.faults.filter(of_run)),
         places=None if result.places is None else result.places.filter(of_run),
         maps=_maps_of(result, run, summary["end_s"]),
-        radio=_radio_of(result, run),
         **_reports_of(result, run),
         notes=(*true_places_notes([scenario]), *_surface_notes(floor)),
         details=_details_of(result),
@@ -355,22 +351,6 @@ def _reports_of(result: Result, run: int) -> dict[str, Any]:
         for name in names
     )
     return {"reports": reports, "reported": len(every_name)}
-
-
-MAX_RADIO: Final = 4_000_000
-"""Most messages times robots (one byte each) for which a page shows which robots heard each message."""
-
-
-def _radio_of(result: Result, run: int) -> MessageLog | None:
-    """Return the log of a run's messages, which tells which robots heard each of them.
-
-    The result is None if every message reaches all robots at once (the ideal network), if the messages cannot be
-    recomputed (a recording, or a result without the moves that the network reads), or if they are too many for a page.
-    """
-    network = network_of(result.scenario.network.name)
-    if result.seed is None or network.name == "ideal" or (network.reads_positions and result.moves is None):
-        return None
-    return message_log(result, run) if log_size(result, run) <= MAX_RADIO else None
 
 
 def why_no_page(result: Result) -> str | None:

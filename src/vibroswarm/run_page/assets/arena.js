@@ -63,7 +63,6 @@ function drawArena(t, followed, speed) {
   drawMap(context, view, t, followed);
   if (layers.paths) drawTrails(context, view, t, followed);
   if (layers.samples) drawFresh(context, view, t);
-  if (layers.messages) drawRadio(context, view, poses, t, followed, flashTime(speed));
   if (layers.rays) drawRays(context, view, poses);
   drawPlaces(context, view, t, followed);
   robots.forEach((robot, i) => {
@@ -98,7 +97,6 @@ const LEGEND = [
   ...(run.places ? [["believes it is here", (c) => legendGhost(c)]] : []),
   ...(run.maps ? [["believed of a tile; larger: surer", (c) => drawMapMark(c, 11, 9, 6, 1)]] : []),
   ...(run.faults.length ? [["has a fault", (c) => drawFault(c, 11, 9, 5)]] : []),
-  ...(radio ? [["heard", (c) => drawLink(c, 2, 9, 20, 9, false)], ["lost", (c) => drawLink(c, 2, 9, 22, 9, true)]] : []),
 ];
 
 function legendTile(context, kind) {

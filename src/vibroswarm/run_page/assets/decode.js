@@ -57,10 +57,8 @@ function readRun() {
   for (const [name, packed] of Object.entries(data.samples)) samples[name] = decodeColumn(packed);
   const reports = (data.reports ?? []).map((report) => ({ ...report, values: decodeColumn(report.values) }));
   const tracks = new Map(data.poses.robots.map((packed) => [packed.robot, decodeTrack(packed, data.poses)]));
-  const radio = data.radio && Object.fromEntries(
-    Object.entries(data.radio).map(([name, packed]) => [name, decodeColumn(packed)]));
   const places = data.places && Object.fromEntries(
     Object.entries(data.places).map(([name, packed]) => [name, decodeColumn(packed)]));
   const maps = data.maps && { ...data.maps, beliefs: decodeColumn(data.maps.beliefs) };
-  return { ...data, samples, reports, tracks, radio, places, maps };
+  return { ...data, samples, reports, tracks, places, maps };
 }

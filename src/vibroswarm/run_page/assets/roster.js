@@ -1,14 +1,14 @@
 // The table, robot by robot: what it does now, what it decided, and its counts over the run.
 
 // Columns that no robot of this run has are left out.
-const ROSTER_BELIEF = hasBelief ? ["p"] : [], ROSTER_THEN = hasBelief ? ["p then"] : [], ROSTER_LOST = radio ? ["lost"] : [];
+const ROSTER_BELIEF = hasBelief ? ["p"] : [], ROSTER_THEN = hasBelief ? ["p then"] : [];
 const ROSTER_COUNTS = [
   ...(run.estimates ? [["estimate", "estimate"]] : []),
   ...(hasPosterior ? [["alpha", "\u03b1"], ["beta", "\u03b2"]] : []),
   ["samples", "samples"], ["sent", "sent"], ["messages_received", "received"],
 ];
 const ROSTER_HEADS = [
-  ["", ["#"]], ["Now", ["doing", ...ROSTER_BELIEF, ...ROSTER_LOST]], ["Decision", ["", "after", ...ROSTER_THEN]],
+  ["", ["#"]], ["Now", ["doing", ...ROSTER_BELIEF]], ["Decision", ["", "after", ...ROSTER_THEN]],
   ["By the end", ROSTER_COUNTS.map(([, head]) => head)],
 ];
 const rosterRows = [];
@@ -47,14 +47,14 @@ function rosterRow(robot, onChoose) {
   const head = make("th", "", choose);
   head.scope = "row";
   const state = cell("state", "", "first words");
-  const belief = ROSTER_BELIEF.map(() => cell("belief", "")), lost = ROSTER_LOST.map(() => cell("lost", ""));
+  const belief = ROSTER_BELIEF.map(() => cell("belief", ""));
   const then = final.belief_at_decision === null ? "\u2013" : probability(final.belief_at_decision);
-  row.append(head, state, ...belief, ...lost,
+  row.append(head, state, ...belief,
     cell("decision", verdictOf(final), "first words"),
     cell("decision_time_s", final.decision_time_s === null ? "\u2013" : exactSeconds(final.decision_time_s)),
     ...ROSTER_THEN.map(() => cell("belief_at_decision", then)),
     ...ROSTER_COUNTS.map(([name], i) => cell(name, String(final[name] ?? "\u2013"), i === 0 ? "first" : "")));
-  rosterRows.push({ robot, row, choose, state, belief, lost });
+  rosterRows.push({ robot, row, choose, state, belief });
   return row;
 }
 
@@ -69,11 +69,10 @@ function verdictOf(final) {
 }
 
 function drawRoster(t, followed) {
-  for (const { robot, row, choose, state, belief, lost } of rosterRows) {
+  for (const { robot, row, choose, state, belief } of rosterRows) {
     const mind = mindAt(robot, t), pose = poseAt(robot, t);
     say(state, pose ? doingWords(robot, pose, t) : "\u2013");
     for (const element of belief) say(element, probability(mind.belief));
-    for (const element of lost) say(element, String(lostBy(robot, t)));
     mark(choose, "data-decision", String(mind.decision));
     mark(choose, "aria-pressed", String(robot === followed));
     row.classList.toggle("followed", robot === followed);
