@@ -70,7 +70,6 @@ def test_a_saved_run_is_inspected_as_it_was_simulated(
     assert found.last_maps.equals(last)
     assert saved["made_by"]["samples"] == found.samples.hash
     assert "estimated by the robots" in saved["robots_were_told"][0]
-    assert "Places taken as independent" in found._repr_html_()
 
 
 @pytest.mark.usefixtures("empty_pictures", "few_draws")

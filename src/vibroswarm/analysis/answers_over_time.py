@@ -47,7 +47,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm import strategies
-from vibroswarm.core.notebook_view import viewed
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import Array, truth_of_robot, truth_over_time
 from vibroswarm.result import Result
@@ -152,7 +151,6 @@ ANSWERS: Final[dict[str, Any]] = {"run": pl.UInt32, **dict.fromkeys(JUDGED, pl.F
 """Columns of the table, one row for each run."""
 
 
-@viewed
 class Answer(NamedTuple):
     """An answer, and since when it is given."""
 
@@ -163,7 +161,6 @@ class Answer(NamedTuple):
     """When the floor changed, as the robot reports it; None: it does not."""
 
 
-@viewed
 class Truth(NamedTuple):
     """What is right for a robot or a swarm over time, and what was when it gave its answers."""
 

@@ -30,7 +30,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inference.outcomes import Array
 
 LEVEL: Final = 0.95
@@ -42,7 +41,7 @@ FEW: Final = 4
 
 
 @dataclass(frozen=True)
-class BestGroup(NotebookView):
+class BestGroup:
     """The best contestant, and which others cannot be told apart from it."""
 
     best: int

@@ -28,11 +28,10 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.figures import FIGURES, Swarms, columns_of, figures_table, interval
 from vibroswarm.analysis.intervals import Interval, plain
 from vibroswarm.analysis.intervals import columns_of as interval_columns
-from vibroswarm.core.notebook_view import NotebookView
 
 
 @dataclass(frozen=True)
-class CellSummary(NotebookView):
+class CellSummary:
     """Figures of a cell; times in s. Each figure is an attribute too: ``summary.decision_time_s``."""
 
     runs: int

@@ -34,7 +34,6 @@ from scipy.special import betainc
 from vibroswarm.analysis.figures import BY_NAME, run_figures
 from vibroswarm.analysis.intervals import ForJson, Interval, check_level, share_interval, wilson
 from vibroswarm.analysis.paired import difference
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, number_of
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.result import Result
@@ -157,7 +156,7 @@ def pooled_counting(
 
 
 @dataclass(frozen=True)
-class Passages(NotebookView):
+class Passages:
     """When, and on which side, the evidence of each run first passes each threshold."""
 
     thresholds: NDArray[np.float64]

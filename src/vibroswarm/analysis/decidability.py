@@ -44,7 +44,6 @@ from scipy.special import ndtr, ndtri
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.analysis.intervals import ForJson, check_level, wilson_limits
-from vibroswarm.core.notebook_view import viewed
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.errors import InputError, number_of
 from vibroswarm.floors.floor import Floor
@@ -368,7 +367,6 @@ def _falls_through(share: Callable[[float], float], level: float) -> float:
     return high
 
 
-@viewed
 class ObservedShare(NamedTuple):
     """Share of ones with equal weight for each tile, and how precise it is."""
 

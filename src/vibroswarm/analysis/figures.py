@@ -39,7 +39,6 @@ from vibroswarm.analysis.intervals import (
     wilson,
     within,
 )
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import (
     CONSENSUS,
@@ -80,7 +79,7 @@ FOLLOWED: Final = {
 time (``analysis.answers_over_time``), and of maps (``analysis.map_figures``)."""
 
 
-class Swarms(NotebookView):
+class Swarms:
     """Runs and their robots, from which the figures of runs are computed. The robots of all runs are in one row.
 
     Args:
@@ -254,7 +253,7 @@ class _TableColumns(dict[str, Array]):
 
 
 @dataclass(frozen=True)
-class RunFigure(NotebookView):
+class RunFigure:
     """A figure: how it is computed for each run, how runs make it a figure of a cell, and how it is shown."""
 
     name: str

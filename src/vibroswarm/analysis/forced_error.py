@@ -40,7 +40,6 @@ import numpy as np
 
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import DRAWS, drawn_interval, drawn_means
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import Array
@@ -54,7 +53,7 @@ DEFAULT: Final[dict[str, tuple[Any, ...]]] = {
 
 
 @dataclass(frozen=True)
-class Reached(NotebookView):
+class Reached:
     """Decision time (s) and forced error of each point (setting) in each run, both of shape (points, runs).
 
     Point 0 is the scenario as given.
@@ -70,7 +69,7 @@ class Reached(NotebookView):
 
 
 @dataclass(frozen=True)
-class MatchedError(NotebookView):
+class MatchedError:
     """Two strategies at equal error, and at equal time; times in s, errors as shares."""
 
     of_first: bool

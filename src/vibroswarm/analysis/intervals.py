@@ -32,7 +32,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaincinv, ndtr, ndtri, stdtr, stdtrit
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
-from vibroswarm.core.notebook_view import NotebookView, viewed
 from vibroswarm.errors import InputError, shown
 
 DRAWS: Final = 1999
@@ -60,7 +59,6 @@ Values = NDArray[np.float64]
 """Floats, of any shape."""
 
 
-@viewed
 class Interval(NamedTuple):
     """An estimate, its lower and upper limit, their confidence level, the number of units, and the method's name.
 
@@ -89,7 +87,7 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-class ForJson(NotebookView):
+class ForJson:
     """Base of results whose fields go into JSON."""
 
     def as_dict(self) -> dict[str, Any]:
@@ -452,7 +450,6 @@ def _independent_robots(
     return min(share * (1.0 - share) / variance, robots)
 
 
-@viewed
 class Tested(NamedTuple):
     """The interval of a mean of paired differences, and the two-sided p-value of "no difference"."""
 

@@ -75,7 +75,6 @@ from vibroswarm.analysis.tile_posterior import (
     permuted,
     sides_of,
 )
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, refuse_changes, sides_inside
 from vibroswarm.result import Result
@@ -86,7 +85,7 @@ POINTS: Final = 241
 
 
 @dataclass(frozen=True)
-class Known(NotebookView):
+class Known:
     """When the side of the boundary, or the most common kind, could be known; times in s.
 
     The module's docstring explains the terms.

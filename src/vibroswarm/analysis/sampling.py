@@ -54,7 +54,6 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.intervals import Interval, mean_interval, within
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import mean_by_run
 from vibroswarm.observation.observe import kinds_at
@@ -101,7 +100,7 @@ def walk_figures(
     return pl.DataFrame(figures).fill_nan(None).cast(WALK)  # type: ignore[arg-type]
 
 
-class Walk(NotebookView):
+class Walk:
     """Compute ``walk_figures`` of one motion for many floors and sensors; figures of motion alone are computed once.
 
     ``first`` is the index of each run's first row, ``count`` its number of rows, (runs,) each.

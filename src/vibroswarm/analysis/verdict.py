@@ -25,7 +25,6 @@ from vibroswarm import strategies, tasks
 from vibroswarm.analysis.answers_over_time import Agreement, agreements_over_time
 from vibroswarm.analysis.figures import ESTIMATES, run_figures
 from vibroswarm.core.fork_guard import check_threads
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, every, number, span, stated, stated_percent
 from vibroswarm.errors import InputError, check_kind, shown
 from vibroswarm.floors.floor import Floor
@@ -35,7 +34,7 @@ from vibroswarm.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)
-class RobotVerdict(NotebookView):
+class RobotVerdict:
     """The outcome of one robot; times in s. Values that a recording does not contain are None."""
 
     robot: int
@@ -62,17 +61,9 @@ class RobotVerdict(NotebookView):
     received: int | None
     """Number of messages that it received."""
 
-    def __repr__(self) -> str:
-        """Return the outcome in one line, such as "RobotVerdict(robot 3: decision 1 at 250.0 s, 125 samples)"."""
-        at = "" if self.decision_time_s is None else f" at {number(self.decision_time_s, 1)} s"
-        without_decision = {None: "not logged", -1: "undecided"}
-        estimate = "" if self.estimate is None else f", estimate {number(self.estimate, 3)}"
-        decision = without_decision.get(self.decision, f"decision {self.decision}{at}")
-        return f"RobotVerdict(robot {self.robot}: {decision}{estimate}, {self.samples} samples)"
-
 
 @dataclass(frozen=True)
-class Verdict(NotebookView):
+class Verdict:
     """The outcome of one run; times in s.
 
     ``consensus``, ``right``, ``wrong`` and ``undecided`` are None if a recording lacks the decision of any robot.
@@ -122,24 +113,6 @@ class Verdict(NotebookView):
     """Mean continuous ranked probability score of their estimates; None, as the coverage, if they state no spread."""
     asked_anew: bool = False
     """Whether what is right depends on each robot's own last answer."""
-
-    def __repr__(self) -> str:
-        """Return the outcome in one line: consensus, numbers of robots and fill ratio."""
-        at = "" if self.consensus_time_s is None else f" by {number(self.consensus_time_s, 1)} s"
-        counts = [
-            f"{robots} {word}"
-            for word, robots in (("right", self.right), ("wrong", self.wrong), ("undecided", self.undecided))
-            if robots is not None  # a recording without decisions has no counts
-        ]
-        robots = count(len(self.robots), "robot")
-        if self.estimated:
-            error = "unknown" if self.estimate_error is None else number(self.estimate_error, digits=4)
-            return (
-                f"Verdict({robots}; {self.estimated} {number(self.fill_ratio, digits=4)}, mean error {error})"
-            )
-        outcome = "decisions not logged" if self.consensus is None else f"{self.consensus}{at}"
-        fill_ratio = number(self.fill_ratio, digits=4)
-        return f"Verdict({outcome}; {', '.join([*counts, f'of {robots}'])}; fill ratio {fill_ratio})"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields for JSON, robots and agreements as lists of dictionaries."""

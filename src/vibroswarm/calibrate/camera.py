@@ -22,7 +22,6 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -33,7 +32,7 @@ Place = Callable[[Floats, Floats, tuple[float, float]], tuple[Floats, Floats]]
 
 
 @dataclass(frozen=True)
-class Camera(NotebookView):
+class Camera:
     """A camera that magnifies and shifts the positions of robots; the default is a camera without error."""
 
     magnification: float = 1.0

@@ -47,7 +47,6 @@ from vibroswarm.calibrate.features import lag_one
 from vibroswarm.calibrate.similarity import over_sessions
 from vibroswarm.core.angles import wrapped
 from vibroswarm.core.arrays import Floats, Ints
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError
 
@@ -92,7 +91,7 @@ RIDGE: Final = 3.0
 
 
 @dataclass(frozen=True)
-class ClassifierAccuracy(NotebookView):
+class ClassifierAccuracy:
     """Balanced accuracy of the classifier; intervals over sessions."""
 
     simulated: Interval

@@ -26,7 +26,6 @@ from vibroswarm.calibrate.fit import Fit, fit
 from vibroswarm.calibrate.reading import Reading, readings_beside
 from vibroswarm.calibrate.similarity import at_equal_counts, compare_distance
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, rows_of
@@ -45,7 +44,7 @@ _SEED: Final = 34
 
 
 @dataclass(frozen=True)
-class Score(NotebookView):
+class Score:
     """Similarity and energy distance of one feature of a held-out session to three sources; NaN if missing."""
 
     feature: str
@@ -66,7 +65,7 @@ class Score(NotebookView):
 
 
 @dataclass(frozen=True)
-class Fold(NotebookView):
+class Fold:
     """Result for one held-out session."""
 
     session: int

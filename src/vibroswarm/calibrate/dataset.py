@@ -18,7 +18,6 @@ from vibroswarm.calibrate.drive import drive_table
 from vibroswarm.calibrate.features import nearest_tile, sample_table
 from vibroswarm.calibrate.wall_approach import approach_tables
 from vibroswarm.core.arrays import Floats, Ints
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_kind
 from vibroswarm.floors.floor import Floor, refuse_changes
 from vibroswarm.recordings.recording import Recording
@@ -27,7 +26,7 @@ from vibroswarm.result import Result
 
 
 @dataclass(frozen=True)
-class Dataset(NotebookView):
+class Dataset:
     """Sessions, numbered consecutively over all recordings (column ``run``)."""
 
     samples: pl.DataFrame

@@ -23,7 +23,6 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Floats, Ints
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.floors.floor import Floor, refuse_kinds
 from vibroswarm.recordings.recording import Recording
@@ -220,7 +219,7 @@ def shapeless(feature: str, u: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Sessions(NotebookView):
+class Sessions:
     """Samples of several sessions (runs), and their features."""
 
     samples: tuple[pl.DataFrame, ...]

@@ -27,7 +27,6 @@ from vibroswarm.calibrate.fit_rays import GRID_DEG, fit_rays
 from vibroswarm.calibrate.fit_sensor import DIGITS, SPREADS, fit_sensor
 from vibroswarm.calibrate.fit_sensor import FIELDS as LAWS
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import listed, stated
 from vibroswarm.errors import check_kind
 from vibroswarm.recordings.threshold import robot_clusters
@@ -50,7 +49,7 @@ INTERRUPTED_BELOW: Final = 0.02
 
 
 @dataclass(frozen=True)
-class Fitted(NotebookView):
+class Fitted:
     """An estimate with its standard error and the limits ``low`` and ``high`` of its 95 % interval.
 
     They come from a bootstrap, from the scatter between robots or sessions, or from a posterior sample.
@@ -64,7 +63,7 @@ class Fitted(NotebookView):
 
 
 @dataclass(frozen=True)
-class Fit(NotebookView):
+class Fit:
     """The fitted scenario, the estimates behind it, and checks."""
 
     scenario: Scenario
@@ -173,7 +172,7 @@ class _Part(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Source(NotebookView):
+class Source:
     """A fit: what it estimates, and from what."""
 
     name: str

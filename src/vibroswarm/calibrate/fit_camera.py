@@ -27,7 +27,6 @@ from vibroswarm.calibrate.dataset import Dataset, signed_edge_distance
 from vibroswarm.calibrate.fit_sensor import fit_plain, log_likelihoods, unit_of
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.blas import with_one_blas_thread
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.recordings.threshold import cluster_weights, robot_clusters
 
 LEAST_GAIN: Final = 16.3
@@ -44,7 +43,7 @@ The units make the values similar in size, which the optimiser needs."""
 
 
 @dataclass(frozen=True)
-class CameraFit(NotebookView):
+class CameraFit:
     """The camera, its bootstrap draws by parameter, (draws,), and twice the gain in log likelihood."""
 
     camera: Camera

@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import jackknife_error
 from vibroswarm.analysis.sampling import late_robots
 from vibroswarm.core.arrays import Floats, Ints
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 
@@ -48,7 +47,7 @@ LEAST_GAIN: Final = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Windows(NotebookView):
+class Windows:
     """The windows of one robot in one run, in order of time, (windows,) each."""
 
     run: int
@@ -62,7 +61,7 @@ class Windows(NotebookView):
 
 
 @dataclass(frozen=True)
-class Bursts(NotebookView):
+class Bursts:
     """A Gilbert-Elliott model of receivers; without bursts if ``bad_share`` is 0."""
 
     bad_share: float
@@ -92,7 +91,7 @@ class Bursts(NotebookView):
 
 
 @dataclass(frozen=True)
-class LossFits(NotebookView):
+class LossFits:
     """Both models of the loss of messages, fitted to recordings, and the gaps that they expect (``compare_models``)."""
 
     windows: list[Windows]

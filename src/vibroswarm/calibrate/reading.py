@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibroswarm.core.notebook_view import NotebookView
-
 
 @dataclass(frozen=True)
-class Reading(NotebookView):
+class Reading:
     """A statistic of recorded sessions, with mean and standard deviation over simulations of them."""
 
     name: str

@@ -26,7 +26,6 @@ from vibroswarm.calibrate.similarity import (
     compare_feature,
 )
 from vibroswarm.core.atomic_io import make_folder
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError, check_kind, path_of
 from vibroswarm.plots.picture import save_figure
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Comparison(NotebookView):
+class Comparison:
     """Result of ``compare``."""
 
     similarities: tuple[Similarity, ...]

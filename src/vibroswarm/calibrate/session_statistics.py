@@ -17,7 +17,6 @@ from vibroswarm.analysis.intervals import Interval, mean_interval, mean_share_in
 from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.calibrate.drive import drive_of, drive_table
 from vibroswarm.calibrate.features import lag_one, nearest_tile, sample_table
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.result import Result
 
 FIGURES: Final[dict[str, tuple[str, float]]] = {
@@ -51,7 +50,7 @@ SHARES: Final = ("share_between", "avoid_none", "false_positive", "false_negativ
 
 
 @dataclass(frozen=True)
-class Figure(NotebookView):
+class Figure:
     """A statistic of a result, for each session and as a mean over sessions."""
 
     name: str

@@ -45,7 +45,6 @@ from vibroswarm.analysis.intervals import Interval, finite_limits, mean_interval
 from vibroswarm.calibrate.features import histogram, shapeless
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.distances import sum_of_distances
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniforms
 
 DRAWS: Final = 20
@@ -55,7 +54,7 @@ _SEED: Final = 20
 
 
 @dataclass(frozen=True)
-class Spread(NotebookView):
+class Spread:
     """Mean and range over pairs of sessions, and the number of pairs."""
 
     mean: float
@@ -67,7 +66,7 @@ class Spread(NotebookView):
 
 
 @dataclass(frozen=True)
-class Similarity(NotebookView):
+class Similarity:
     """Similarity of one feature of two sources by the authors' measure, with null and ceiling."""
 
     feature: str
@@ -231,7 +230,7 @@ MOST: Final = 4000
 
 
 @dataclass(frozen=True)
-class EnergyDistance(NotebookView):
+class EnergyDistance:
     """Effect size of a feature, real against simulated and real against real."""
 
     feature: str
@@ -278,7 +277,7 @@ def _mean_along_a_line(one: Floats, other: Floats | None) -> float:
 
 
 @dataclass(frozen=True)
-class RealDistances(NotebookView):
+class RealDistances:
     """Distances among the real sessions alone."""
 
     each: tuple[float, ...]

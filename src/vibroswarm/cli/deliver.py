@@ -104,9 +104,7 @@ def document_of(result: object) -> Document:
     """Return the document of a result, which has one."""
     from vibroswarm import documents
 
-    document = documents.document_of(result)
-    assert document is not None, type(result)
-    return document
+    return documents.document_of(result)
 
 
 def print_with_place(result: object, output: Any, page: str | None) -> None:

@@ -31,11 +31,11 @@ MEASURES: Final = {
 """How measures are written, by column."""
 
 
-def floor_document(floor: Floor, drawing: str = "") -> Document:
+def floor_document(floor: Floor, drawing: str) -> Document:
     """Return a floor and its measures of difficulty.
 
     Args:
-        drawing: of the floor, in text; empty: none.
+        drawing: of the floor, in text.
     """
     difficulty = measure_floor(floor)
     patches = floor.surface.patches
@@ -92,19 +92,13 @@ def floors_document(found: Mapping[str, Difficulty], remark: str = "") -> Docume
     )
 
 
-def design_document(
-    design: FloorDesign, target: Mapping[str, float | None] | None = None, drawing: str = ""
-) -> Document:
+def design_document(design: FloorDesign, target: Mapping[str, float | None], drawing: str) -> Document:
     """Return a floor that was made to order.
 
     Args:
         target: the measures that were asked for, by name; None of one: any. drawing: of the tiles, in text.
     """
-    asked = (
-        {}
-        if target is None
-        else {"asked": pl.DataFrame([dict(target)], schema=dict.fromkeys(target, pl.Float64))}
-    )
+    asked = pl.DataFrame([dict(target)], schema=dict.fromkeys(target, pl.Float64))
     made = _rows({"made": design.difficulty}).with_columns(
         reached=pl.lit(design.reached), words=pl.lit(design.words)
     )
@@ -112,7 +106,7 @@ def design_document(
         title="Floor made to order",
         answer=(design.words,),
         parts=(Text(drawing, "code"), _picture(design.tiles, design.words)),
-        data={**asked, "floors": made, "tiles": pl.DataFrame({"row": rows_of(design.tiles)})},
+        data={"asked": asked, "floors": made, "tiles": pl.DataFrame({"row": rows_of(design.tiles)})},
     )
 
 

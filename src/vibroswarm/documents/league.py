@@ -104,15 +104,6 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
     )
 
 
-def entries_document(league: League) -> Document:
-    """Return the document of a league that is not played yet: its entries."""
-    size = (
-        f"{count(len(league.entries), 'entry', 'entries')}, {count(len(league.floors), 'floor')}, swarms of "
-        f"{listed(map(str, league.robots))}, {count(league.runs, 'run')} of each; seed {league.seed}."
-    )
-    return Document("League", (size,), parts=_settings(league).parts)
-
-
 def _warning(league: League) -> str:
     names = [entry.label for entry in league.entries if not entry.tuned]
     return f"Not tuned for a league (`vibroswarm league tune`): {', '.join(names)}." if names else ""

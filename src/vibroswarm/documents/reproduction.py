@@ -12,7 +12,7 @@ import polars as pl
 
 from vibroswarm.core.numbers import count, verb
 from vibroswarm.documents.knowledge import told
-from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Claim, Decided
+from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Decided
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.paper.item import Settings, TableView
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
@@ -47,16 +47,6 @@ def reproduction_document(made: Reproduction) -> Document:
         made_by={"command": command_of_all(made), "seed": str(settings.seed), **versions()},
         data={"claims": claims_table(decided), "claims-measured": cells_table(decided)},
     )
-
-
-def claim_document(claim: Claim) -> Document:
-    """Return what a claim of the paper says, and when it holds."""
-    return Document(claim.id, (claim.statement,), parts=(Text(f"Holds if {claim.words}."),))
-
-
-def verdict_document(decided: Decided) -> Document:
-    """Return the verdict on a claim with one preset."""
-    return Document(decided.claim.id, (decided.claim.statement, f"{decided.column}: {decided.verdict}."))
 
 
 def _verdict_counts(decided: Sequence[Decided]) -> list[str]:

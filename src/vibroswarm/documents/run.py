@@ -97,12 +97,6 @@ def run_document(result: Result, run: int) -> Document:
     )
 
 
-def verdict_document(found: Verdict) -> Document:
-    """Return the document of a verdict alone, which does not know its scenario."""
-    tables = tuple(robot_tables(found, "estimate"))
-    return Document("Verdict", _decision_duration_confidence(found), parts=tables, data=_verdict_data(found))
-
-
 def runs_document(result: Result) -> Document:
     """Return the document of several runs: how their swarms decided, and a row for each run."""
     outcome, runs = _estimates(result) if asked_number(result.scenario) else _decisions(result)

@@ -17,7 +17,6 @@ from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import columns_of, plain
 from vibroswarm.core.numbers import Estimate, count, count_of, listed, number, percent, whole, with_limits
 from vibroswarm.documents.knowledge import told, versions_in_words
-from vibroswarm.documents.objects import values_table
 from vibroswarm.documents.search_tables import (
     BEST,
     account,
@@ -50,7 +49,7 @@ from vibroswarm.optimize.scenario_comparison import Checked
 from vibroswarm.optimize.search_files import file_text
 from vibroswarm.optimize.sensitivity import Sensitivity
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import MIN_FRESH_RUNS, Front, Scored, Truth
+from vibroswarm.optimize.validation import MIN_FRESH_RUNS, Front, Truth
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.labels import setting_words
 from vibroswarm.plots.picture import Picture
@@ -118,24 +117,6 @@ def plan_sentences(search: Search) -> Iterator[str]:
         f"{count(runs, 'run')}, and {validation}; seed {search.seed}"
     )
     yield from map(score_sentence, search.objectives)
-
-
-def truth_document(truth: Truth) -> Document:
-    """Return the document of a winner on fresh runs, without its search."""
-    others = [against(truth, [other.name for other in truth.others])] if truth.others else []
-    return Document("Score on fresh runs", (truth.words,), parts=(*truth_tables(truth), *others))
-
-
-def scored_document(scored: Scored) -> Document:
-    """Return the document of one set of values and its score."""
-    words = f"Score on {count(scored.score.n, 'run')}: {with_limits(scored.score)}."
-    return Document(scored.name, (words,), parts=(values_table(scored.values),) if scored.values else ())
-
-
-def front_document(front: Front) -> Document:
-    """Return the document of a Pareto front on fresh runs, without its search."""
-    names = list(front.members[0].values)
-    return Document("Pareto front", (front.words,), parts=(front_table(front, names),))
 
 
 def _answer(found: Found, truth: Truth | None, front: Front | None) -> Iterator[str]:

@@ -50,19 +50,16 @@ PARTS: Final = {
 """Title and factor of each part of ``time_at_error``."""
 
 
-def truth_tables(
-    truth: Truth, believed_runs: int | None = None, cases: Sequence[str] = (), unit: str = ""
-) -> tuple[Table, ...]:
+def truth_tables(truth: Truth, believed_runs: int, cases: Sequence[str], unit: str) -> tuple[Table, ...]:
     """Tabulate the believed score, the true score and their difference, and what the true score consists of.
 
     Args:
-        believed_runs: number of runs of the believed score; None: not known. cases: names of the cases.
-        unit: of the score.
+        believed_runs: number of runs of the believed score. cases: names of the cases. unit: of the score.
     """
     return (_believed_and_true(truth, believed_runs, unit), *parts_of((truth.winner,), cases, unit))
 
 
-def _believed_and_true(truth: Truth, believed_runs: int | None, unit: str) -> Table:
+def _believed_and_true(truth: Truth, believed_runs: int, unit: str) -> Table:
     """Tabulate the believed score, the true score, and the difference true - believed.
 
     The difference has the interval of the true score, shifted by the believed score, which is taken as exact.
@@ -140,7 +137,7 @@ def _part_table(rows: list[dict[str, Any]], in_cases: bool) -> Table:
     return Table(frame_of(rows), columns, f"What the score is made of.{worst}", "parts", names=2)
 
 
-def against(truth: Truth, names: Sequence[str], unit: str = "") -> Table:
+def against(truth: Truth, names: Sequence[str], unit: str) -> Table:
     """Tabulate the scores of ``truth.others`` (starts and other candidates) by their names, and winner - candidate."""
     rows = [
         {

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.export.c_library import (
     ASSETS,
@@ -80,7 +79,7 @@ OTHER_ROBOTS: Final = {
 
 
 @dataclass(frozen=True)
-class Exported(NotebookView):
+class Exported:
     """A library that was written, and what its program takes of the robot's memory and time."""
 
     scenario: Scenario

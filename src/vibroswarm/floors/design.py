@@ -23,7 +23,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.anneal import Goal, Schedule, anneal
@@ -90,7 +89,7 @@ _MENDABLE_MISS: Final = 0.1
 
 
 @dataclass(frozen=True)
-class FloorDesign(NotebookView):
+class FloorDesign:
     """A designed floor.
 
     Args:

@@ -32,7 +32,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, as_tiles
 from vibroswarm.floors.source import pattern
@@ -40,7 +39,7 @@ from vibroswarm.floors.surfaces import STEPS, steps_of
 
 
 @dataclass(frozen=True)
-class Difficulty(NotebookView):
+class Difficulty:
     """Measures of a floor; ``moran_index`` and ``entropy`` are nan where undefined.
 
     Args:

@@ -24,8 +24,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError, shown
 from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.surfaces import PLAIN, STEPS, Surface, rectangle
@@ -43,7 +41,7 @@ KINDS_IN_WORDS: Final = f"a tile is 0 (still) or 1 (vibrating), or another kind 
 
 
 @dataclass(frozen=True, eq=False)
-class Floor(NotebookView):
+class Floor:
     """Tiles and their position.
 
     Args:
@@ -98,14 +96,6 @@ class Floor(NotebookView):
             raise InputError("times of changes must be above 0 and ascend", field="floor.changes")
         if tile.min() < 0 or tile.max() >= self.tiles.size or kind.max() >= KIND_LIMIT:
             raise InputError("a change names a tile or a kind that does not exist", field="floor.changes")
-
-    def __repr__(self) -> str:
-        """Return a summary on one line: name, number of tiles, size in m, fill ratio, number of changes."""
-        rows, columns = self.tiles.shape
-        name = f"{shown(self.name)}, " if self.name else ""
-        size = f"{number(columns * self.tile_width_m, digits=4)} m x {number(rows * self.tile_height_m, digits=4)} m"
-        changes = f", {count(self.changes.time_s.size, 'change')} of tiles" if self.is_changing else ""
-        return f"Floor({name}{rows} x {columns} tiles, {size}, fill ratio {number(self.fill_ratio, digits=4)}{changes})"
 
     def __eq__(self, other: object) -> bool:
         """Return whether both floors have equal tiles at equal places, and equal changes; names are ignored."""

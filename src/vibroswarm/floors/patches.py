@@ -18,13 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner
-from vibroswarm.core.notebook_view import viewed
 
 Numbers = Any
 """A number, or an array of numbers."""
 
 
-@viewed
 class Patch(NamedTuple):
     """Damage: a rectangle or a disc; or several at once, as replicates, whose fields are arrays."""
 

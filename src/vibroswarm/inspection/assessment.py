@@ -9,7 +9,6 @@ from typing import Any, Final, Literal
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, p_value
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.checks import BETWEEN, LAW_CHECKS, LEAST_PER_ROBOT, PLACES, law_checks
@@ -39,7 +38,7 @@ VISITED_M: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Assessment(NotebookView):
+class Assessment:
     """All answers of one inspection about damage that is not bound to a grid."""
 
     question: Question

@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from vibroswarm.core.jit import kernel
-from vibroswarm.core.notebook_view import viewed
 from vibroswarm.floors.patches import Patch, mixed, place_within
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values, read_by
 from vibroswarm.observation.energy_model import MOST, energy_of, likelihood_at
@@ -49,7 +48,6 @@ COARSE: Final = 0.02
 """Largest distance between evenly spaced values of a table, over the distance between the quartiles of a kind."""
 
 
-@viewed
 class Quantiles(NamedTuple):
     """Quantiles of a law as tables, which are much faster than the law itself."""
 
@@ -61,7 +59,6 @@ class Quantiles(NamedTuple):
     """``index_of`` u."""
 
 
-@viewed
 class Table(NamedTuple):
     """Log ratios of a law as a table; those of a law that judges nothing are not computed."""
 

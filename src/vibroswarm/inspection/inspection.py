@@ -13,7 +13,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.map_scores import map_scores
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import (
     InputError,
@@ -56,7 +55,7 @@ LEAST_M: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Inspection(NotebookView):
+class Inspection:
     """What the samples of one inspection say."""
 
     samples: Samples

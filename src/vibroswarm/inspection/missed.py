@@ -13,7 +13,6 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.core.notebook_view import viewed
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError, check_kind, number_of, plain_value, whole_number_of
 from vibroswarm.inspection.damage import drawn_patches, patch_of, random_places
@@ -50,7 +49,6 @@ def lengths_within(size_m: tuple[float, float], shape: str = "square") -> list[f
     return within if len(within) >= 3 else [most * length / all_m[-1] for length in all_m]
 
 
-@viewed
 class Trials(NamedTuple):
     """Inspections of drawn damage, (inspections,) each, and of intact surfaces."""
 

@@ -22,7 +22,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inspection.patches import Form, Patches, Shares
 from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.scan import CELLS, CLEAR_M, called_patches, critical_by, joined, within
@@ -36,7 +35,7 @@ VIBRATES: Final = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Others(NotebookView):
+class Others:
     """The map that all other robots give, for each robot."""
 
     samples: Samples

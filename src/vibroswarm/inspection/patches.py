@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from vibroswarm.core.jit import kernel
-from vibroswarm.core.notebook_view import NotebookView, viewed
 from vibroswarm.errors import InputError, check_kind, number_of, shown
 from vibroswarm.inspection.samples import Floats, Samples
 
@@ -56,7 +55,6 @@ MOST: Final = 300_000
 """Most patches of a declared set: those of squares of 7 to 28 cm on 65 m2."""
 
 
-@viewed
 class Form(NamedTuple):
     """Size and shape of declared damage: a rectangle, or a disc, of which both sides are the diameter."""
 
@@ -85,7 +83,7 @@ Side = float | tuple[float, float] | Form
 
 
 @dataclass(frozen=True, repr=False)
-class Patches(NotebookView):
+class Patches:
     """The declared set; (patches,) each."""
 
     left_m: Floats
@@ -172,7 +170,6 @@ def declared(size_m: tuple[float, float], sides_m: Sequence[Side] = SIZES_M) -> 
     return Patches(left, bottom, form_of, forms)
 
 
-@viewed
 class Strips(NamedTuple):
     """Rectangles whose union each patch is: itself, or a disc in horizontal strips; (strips,) each."""
 
@@ -213,7 +210,6 @@ def strips_of(patches: Patches, beyond_m: float = 0.0) -> Strips:
     )
 
 
-@viewed
 class Shares(NamedTuple):
     """Shares of samples' places in patches, patch by patch."""
 

@@ -31,7 +31,6 @@ from scipy import optimize
 from scipy.ndimage import minimum_filter
 from scipy.special import expit, logit, xlogy
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, whole_number_of
 from vibroswarm.inspection.samples import Floats
 
@@ -85,7 +84,7 @@ _CURVES: Final = {
 
 
 @dataclass(frozen=True)
-class Pod(NotebookView):
+class Pod:
     """A fitted probability of detection; sizes are nan where they do not exist."""
 
     false_calls: float

@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.jit import kernel
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inspection.damage import contrast_ratios, over_laws, quantiles_of, tiles_below
 from vibroswarm.inspection.patches import AROUND, Form, Patches, Shares, log_likelihoods, shares_of
 from vibroswarm.inspection.samples import Floats, Law, Samples
@@ -80,7 +79,7 @@ def _density(shape: NDArray[np.int64], at: Floats, of_shape: NDArray[np.int64], 
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior(NotebookView):
+class Posterior:
     """Density of the place, size and contrast of one patch: a mixture of products of triangles."""
 
     shapes: tuple[tuple[bool, float], ...]
@@ -110,7 +109,7 @@ class Posterior(NotebookView):
 
 
 @dataclass(frozen=True, eq=False)
-class Region(NotebookView):
+class Region:
     """The joint credible region of a called patch."""
 
     posterior: Posterior

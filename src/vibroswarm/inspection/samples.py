@@ -17,7 +17,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.calibrate.camera import RIGHT, Camera
-from vibroswarm.core.notebook_view import NotebookView, viewed
 from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
@@ -60,7 +59,6 @@ FEW_READINGS: Final = 12
 """So few different values of a reference are readings, with nothing half-way between those of both kinds."""
 
 
-@viewed
 class Draw(NamedTuple):
     """A law fitted to a resampled reference, and what samples measure that this reference has not seen."""
 
@@ -69,7 +67,7 @@ class Draw(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Law(NotebookView):
+class Law:
     """What a sample measures on still and on vibrating places, and where that is known from."""
 
     sensor: Sensor
@@ -104,7 +102,6 @@ class Law(NotebookView):
         return replace(self, sensor=alike, draws=())
 
 
-@viewed
 class PlaceErrors(NamedTuple):
     """How wrong estimated places are, known in simulations only."""
 
@@ -115,7 +112,7 @@ class PlaceErrors(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Samples(NotebookView):
+class Samples:
     """The samples of one inspection."""
 
     frame: pl.DataFrame

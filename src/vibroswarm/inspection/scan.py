@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.core.notebook_view import NotebookView, viewed
 from vibroswarm.errors import InputError
 from vibroswarm.floors.patches import Patch
 from vibroswarm.inspection.damage import drawn_parts, judged, ratios_at
@@ -57,7 +56,6 @@ CLEAR_M: Final = 0.05
 """Samples this near to a called patch, beyond the spread of their places, may be on it."""
 
 
-@viewed
 class Box(NamedTuple):
     """A patch."""
 
@@ -80,7 +78,7 @@ def box_of(patches: Patches, number: int) -> Box:
 
 
 @dataclass(frozen=True, eq=False)
-class Scan(NotebookView):
+class Scan:
     """Whether there is damage, and where."""
 
     statistic: float

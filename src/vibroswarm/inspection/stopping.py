@@ -38,7 +38,6 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.child_python import processors
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_flags, check_kind, keep_plain, number_of, shown
 from vibroswarm.floors.patches import place_within
 from vibroswarm.inspection.damage import (
@@ -82,7 +81,7 @@ BETWEEN: Final = 12.0**-0.5
 
 
 @dataclass(frozen=True)
-class Question(NotebookView):
+class Question:
     """What an inspection must find, and how sure it must be to stop."""
 
     least_m: float = 0.10
@@ -122,7 +121,7 @@ class Question(NotebookView):
 
 
 @dataclass(frozen=True, eq=False)
-class Rule(NotebookView):
+class Rule:
     """When an inspection ends: the told risk at each look, of the samples or of values in their place."""
 
     samples: Samples
@@ -250,7 +249,7 @@ def rule_of(samples: Samples, patches: Patches, question: Question, looks: int =
 
 
 @dataclass(frozen=True, eq=False)
-class Stopping(NotebookView):
+class Stopping:
     """When the surface could be cleared, and how often damage would be cleared too."""
 
     question: Question

@@ -30,7 +30,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import percent, stated
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice, check_known_keys, named, number_of
@@ -55,7 +54,7 @@ league it is near the least forced error that most strategies reach."""
 
 
 @dataclass(frozen=True)
-class Entry(NotebookView):
+class Entry:
     """A strategy and the scenario fields that it sets."""
 
     label: str
@@ -73,7 +72,7 @@ class Entry(NotebookView):
 
 
 @dataclass(frozen=True)
-class LeagueFloor(NotebookView):
+class LeagueFloor:
     """A floor on which all strategies run."""
 
     pattern: str

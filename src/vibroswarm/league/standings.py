@@ -45,9 +45,8 @@ from vibroswarm.analysis.intervals import (
 )
 from vibroswarm.analysis.map_figures import MAPPED
 from vibroswarm.analysis.paired import Paired, Test, compare, holm
-from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count, stated
-from vibroswarm.errors import InputError, shown
+from vibroswarm.core.numbers import stated
+from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import Array, numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries, reference_in
@@ -88,7 +87,7 @@ FLOOR_DIFFERENCES: Final[dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class League(NotebookView):
+class League:
     """Strategies that are compared on the same floors, motion, readings and radio, except for fields that they set."""
 
     base: Scenario
@@ -193,7 +192,7 @@ class League(NotebookView):
 
 
 @dataclass(frozen=True)
-class Standings(NotebookView):
+class Standings:
     """Results of a league."""
 
     league: League
@@ -203,14 +202,6 @@ class Standings(NotebookView):
     right."""
     study: StudyResult
     """Result of the league's study, with all tables."""
-
-    def __repr__(self) -> str:
-        """Return the size of the league, and the entry with the smallest forced error, in one line."""
-        league = self.league
-        return (
-            f"Standings({count(len(league.entries), 'entry', 'entries')}, {count(len(league.floors), 'floor')}, "
-            f"{count(league.runs, 'run')} of each; smallest forced error: {shown(self.table['name'][0])})"
-        )
 
     @cached_property
     def main(self) -> Standings:

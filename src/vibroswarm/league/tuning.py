@@ -39,7 +39,6 @@ import polars as pl
 import tomli_w
 
 from vibroswarm.analysis.forced_error import front_of
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, listed, rounded
 from vibroswarm.errors import InputError, check_kind, check_known_keys, in_file
 from vibroswarm.inference.outcomes import Array
@@ -66,7 +65,7 @@ REACH: Final = 0.25
 
 
 @dataclass(frozen=True)
-class Tuned(NotebookView):
+class Tuned:
     """Result of a tuning."""
 
     settings: Mapping[str, Sequence[Mapping[str, Any]]]

@@ -16,8 +16,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.fork_guard import check_threads
-from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count, stated
+from vibroswarm.core.numbers import stated
 from vibroswarm.core.tables import Schema, check_table
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, InputError
@@ -78,7 +77,7 @@ NEEDED: Final = ("samples", "ends")
 
 
 @dataclass(frozen=True)
-class Motion(NotebookView):
+class Motion:
     """The tables of one or more runs, or of a piece of a run; see ``source``."""
 
     samples: pl.DataFrame
@@ -91,19 +90,6 @@ class Motion(NotebookView):
     """One row per drive, turn, avoidance or stop (columns ``MOVES``); None if they were not requested."""
     failures: pl.DataFrame | None = None
     """``FAILURES``; None if no run failed."""
-
-    def __repr__(self) -> str:
-        """Return the numbers of runs, robots, samples and failed runs, and which optional tables exist, on one line."""
-        optional_tables = [name for name in ("segments", "moves") if getattr(self, name) is not None]
-        runs, robots = self.ends["run"].n_unique(), self.ends["robot"].n_unique()
-        parts = [
-            count(runs, "run"),
-            count(robots, "robot"),
-            count(self.samples.height, "sample"),
-            *([f"with {' and '.join(optional_tables)}"] if optional_tables else []),
-            *([f"{self.failures.height} failed"] if self.failures is not None else []),
-        ]
-        return f"Motion({', '.join(parts)})"
 
 
 def join(pieces: Sequence[Motion]) -> Motion:

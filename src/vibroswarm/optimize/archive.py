@@ -14,13 +14,12 @@ from itertools import accumulate, compress, pairwise
 import numpy as np
 
 from vibroswarm.analysis.pareto import pareto_front
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.space import Point, Space, Values
 
 
 @dataclass
-class Candidate(NotebookView):
+class Candidate:
     """One point of the space with the figures of its runs."""
 
     key: int
@@ -50,7 +49,7 @@ class Candidate(NotebookView):
         return self.rows[0] if self.rows else np.empty((0, 1, 1))
 
 
-class Archive(NotebookView):
+class Archive:
     """Candidates by key (0, 1, ...), and their scores under the objectives."""
 
     def __init__(self, space: Space, objectives: Sequence[Objective], *, drops_failed: bool = False) -> None:

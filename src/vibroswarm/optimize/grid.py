@@ -28,7 +28,6 @@ import polars as pl
 
 from vibroswarm.analysis.best_group import LEVEL, best_group
 from vibroswarm.analysis.intervals import Interval, columns_of
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, path_of, whole_number_of
 from vibroswarm.optimize.evaluate import derived_seed
@@ -54,7 +53,7 @@ FRESH: Final = 2000
 
 
 @dataclass(frozen=True)
-class Grid(NotebookView):
+class Grid:
     """A study of a grid and its objective."""
 
     study: Study
@@ -131,7 +130,7 @@ class Grid(NotebookView):
 
 
 @dataclass(frozen=True)
-class Node(NotebookView):
+class Node:
     """A scored cell of a grid."""
 
     cell: Cell
@@ -157,7 +156,7 @@ class Node(NotebookView):
 
 
 @dataclass(frozen=True)
-class Nodes(NotebookView):
+class Nodes:
     """A grid with the scores of its cells."""
 
     grid: Grid

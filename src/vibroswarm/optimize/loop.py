@@ -17,8 +17,6 @@ from typing import Never
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count, number
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, RunError, check_kind, shown
 from vibroswarm.optimize.archive import Archive
@@ -79,7 +77,7 @@ Progress = Callable[[SearchProgress], None]
 
 
 @dataclass(frozen=True)
-class Found(NotebookView):
+class Found:
     """The result of a search, as the search itself estimates it; see ``validation`` for estimates on fresh runs."""
 
     search: Search
@@ -96,14 +94,6 @@ class Found(NotebookView):
     front: tuple[int, ...] = ()
     """With several objectives, the keys of the candidates on the Pareto front; empty if no candidate has finite scores.
     With one objective, it is always empty."""
-
-    def __repr__(self) -> str:
-        objective = self.search.objectives[0]
-        return (
-            f"Found({self.search.settings.method_name}, {count(len(self.archive), 'candidate')} in "
-            f"{count(self.runs, 'run')}; believed score "
-            f"{f'{number(self.believed, digits=4)} {objective.unit}'.rstrip()}, {objective.words})"
-        )
 
     @property
     def values(self) -> Values:

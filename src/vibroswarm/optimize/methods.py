@@ -42,7 +42,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError, shown
 from vibroswarm.optimize.archive import Archive
@@ -148,7 +147,7 @@ class Stage(Protocol):
 
 
 @dataclass(frozen=True)
-class Method(NotebookView):
+class Method:
     """A method of search, as it is registered."""
 
     name: str
@@ -213,7 +212,7 @@ BATCH: Final = 10
 """Default batch size: enough points to keep workers busy, few enough to learn from each batch."""
 
 
-class Sampler(NotebookView, ABC):
+class Sampler(ABC):
     """A stage that proposes batches of points, with ``evaluations`` runs each, until the budget is spent.
 
     Args:
@@ -253,7 +252,7 @@ class Sampler(NotebookView, ABC):
     def propose(self, count: int) -> Sequence[Point]:
         """Propose the next ``count`` points, at least one; they are clipped to the unit cube."""
 
-    def learn(self, keys: Sequence[int]) -> None:  # nothing, for methods that do not learn
+    def learn(self, keys: Sequence[int]) -> None:  # noqa: B027 - nothing, for methods that do not learn
         """Update the method with the scores of the candidates ``keys`` of a batch, in the order of the proposals."""
 
     def random(self) -> np.random.Generator:

@@ -39,7 +39,6 @@ from vibroswarm.analysis.intervals import (
     wilson,
     within,
 )
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError, check_choice, check_kind, keep_plain, nearest, number_of, shown
 from vibroswarm.inference.outcomes import Array
@@ -72,7 +71,7 @@ Rows = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Objective(NotebookView):
+class Objective:
     """A score to be minimised.
 
     Raises:

@@ -20,7 +20,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.figures import Swarms
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import arrays_fit
@@ -48,7 +47,7 @@ POLL_S: Final = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Outcomes(NotebookView):
+class Outcomes:
     """Outcomes of some runs of one scenario as arrays; all times in s.
 
     The program of the paper checked every 20 s whether all robots had decided. It ended a run at the first such check,

@@ -35,7 +35,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, keep_plain, number_of, whole_number_of
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import Ask, Iteration, Method, chance, iteration_of, register
@@ -67,7 +66,7 @@ def shared_run(evaluation: int, iteration: int) -> int:
 
 
 @dataclass(frozen=True)
-class PsoSettings(NotebookView):
+class PsoSettings:
     """The swarm's settings; defaults are the paper's except for ``noise``.
 
     Raises:

@@ -19,7 +19,6 @@ import polars as pl
 from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Paired, compare, confirms, side
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_kind, whole_number_of
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.evaluate import derived_seed, figures_of
@@ -33,7 +32,7 @@ from vibroswarm.study.executors import Workers, workers_for
 
 
 @dataclass(frozen=True)
-class Checked(NotebookView):
+class Checked:
     """The comparison of two scenarios under one objective."""
 
     objective: Objective

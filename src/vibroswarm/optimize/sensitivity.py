@@ -33,7 +33,6 @@ import polars as pl
 from vibroswarm.analysis.intervals import Interval, generator
 from vibroswarm.analysis.paired import drawn_interval
 from vibroswarm.core.atomic_io import write_files
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
 from vibroswarm.core.optional_library import needed
 from vibroswarm.core.tables import csv_bytes
@@ -55,7 +54,7 @@ LEAST: Final = 8
 
 
 @dataclass(frozen=True)
-class Field(NotebookView):
+class Field:
     """First-order and total index of one field, with 95 % limits.
 
     All are nan if the noise hides all effects, or if the cost does not vary; limits alone if it does so in more than
@@ -79,7 +78,7 @@ class Field(NotebookView):
 
 
 @dataclass(frozen=True)
-class Sensitivity(NotebookView):
+class Sensitivity:
     """The indices of all fields, the largest total first."""
 
     fields: tuple[Field, ...]

@@ -26,7 +26,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, plain_value
 from vibroswarm.scenario.scenario import Scenario, kind_of, value_of
 from vibroswarm.study.factors import bounds_of, fields_in, value_between
@@ -131,7 +130,7 @@ class Dimension:
 
 
 @dataclass(frozen=True)
-class Space(NotebookView):
+class Space:
     """The fields of a search. A point of the unit cube has one coordinate per field."""
 
     dimensions: tuple[Dimension, ...]

@@ -37,7 +37,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import (
     InputError,
@@ -73,7 +72,7 @@ FINAL_SHARE: Final = 0.4
 
 
 @dataclass(frozen=True)
-class SearchSettings(NotebookView):
+class SearchSettings:
     """Settings of a search that all methods share."""
 
     method: str = "pso"
@@ -128,7 +127,7 @@ class SearchSettings(NotebookView):
 
 
 @dataclass(frozen=True)
-class Search(NotebookView):
+class Search:
     """The definition of a search, see the head of this module.
 
     Raises:

@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, cluster_share, plain, time_interval
 from vibroswarm.analysis.pareto import pareto_front
-from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count, decimals_of, number, percent, stated_percent, verb, with_limits
+from vibroswarm.core.numbers import count, number, percent, stated_percent, verb
 from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.optimize.evaluate import RunFigures, derived_seed, figures_of
 from vibroswarm.optimize.loop import Found
@@ -55,7 +54,7 @@ LUCK: Final = ("not significant", "lucky", "unlucky", "inconclusive", "not defin
 
 
 @dataclass(frozen=True)
-class Scored(NotebookView):
+class Scored:
     """One set of values with its score and the figures of its runs."""
 
     name: str
@@ -84,7 +83,7 @@ class Scored(NotebookView):
 
 
 @dataclass(frozen=True)
-class Truth(NotebookView):
+class Truth:
     """The score of a search's ``winner`` as the search ``believed`` it, and on fresh runs."""
 
     believed: float
@@ -97,14 +96,6 @@ class Truth(NotebookView):
     """Score of the winner minus the score of each of ``others``, paired by run."""
     too_short: bool = False
     """Whether the search was a swarm whose particles never moved, see ``is_too_short``."""
-
-    def __repr__(self) -> str:
-        score = self.winner.score
-        believed, true = (
-            number(self.believed, digits=4),
-            with_limits(score, decimals=decimals_of(score[:3], 4)),
-        )
-        return f"Truth(believed score {believed}, true {true}, {count(score.n, 'fresh run')})"
 
     @property
     def difference(self) -> float:
@@ -363,7 +354,7 @@ MIN_FRESH_RUNS: Final = 200
 
 
 @dataclass(frozen=True)
-class Member(NotebookView):
+class Member:
     """A candidate of a front; scores are in the order of the objectives."""
 
     key: int
@@ -380,7 +371,7 @@ class Member(NotebookView):
 
 
 @dataclass(frozen=True)
-class Front(NotebookView):
+class Front:
     """A Pareto front, scored on fresh runs."""
 
     names: tuple[str, ...]

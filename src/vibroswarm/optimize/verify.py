@@ -17,7 +17,6 @@ import polars as pl
 from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.atomic_io import MANIFEST
 from vibroswarm.core.folders import KINDS, matching, read_manifest
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import frame_of
 from vibroswarm.errors import InputError, path_of, whole_number_of
 from vibroswarm.optimize.evaluate import do_piece
@@ -42,7 +41,7 @@ COMPARED: Final[dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class Verified(NotebookView):
+class Verified:
     """Runs that were simulated again."""
 
     folder: Path

@@ -69,7 +69,6 @@ from typing import Any, Final
 import polars as pl
 from scipy.special import betaincinv, stdtrit
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError, check_choice, check_known_keys
 from vibroswarm.paper.columns import COLUMNS
@@ -204,7 +203,7 @@ UNKNOWN: Final = frozenset({"estimate", "standard_error", "above", "below", "can
 
 
 @dataclass(frozen=True)
-class Claim(NotebookView):
+class Claim:
     """One claim of ``claims.toml``."""
 
     id: str
@@ -303,7 +302,7 @@ def all_claims() -> tuple[Claim, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Decided(NotebookView):
+class Decided:
     """Verdict on one claim in one column."""
 
     claim: Claim

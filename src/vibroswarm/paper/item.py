@@ -27,7 +27,6 @@ from vibroswarm.core.atomic_io import MANIFEST, whole_folder, write_files
 from vibroswarm.core.code_version import saved_syntax_hash
 from vibroswarm.core.folders import about_file, manifest_text, read_described
 from vibroswarm.core.jit import hash_of_files
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, percent
 from vibroswarm.core.tables import parquet_bytes, read_frame
 from vibroswarm.core.untrusted_files import entry
@@ -51,7 +50,7 @@ CLAIMS: Final = "measured"
 
 
 @dataclass(frozen=True)
-class Settings(NotebookView):
+class Settings:
     """Options of a reproduction."""
 
     runs: int = 1000
@@ -217,7 +216,7 @@ class TableView(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Item(NotebookView):
+class Item:
     """One figure or table of the paper: how its tables are computed, drawn and shown."""
 
     number: int

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,8 +18,6 @@ import polars as pl
 
 from vibroswarm.core.child_python import processors
 from vibroswarm.core.fork_guard import check_threads
-from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count
 from vibroswarm.paper.cells import Cell, CellResults, run_cells
 from vibroswarm.paper.claim_values import frame
 from vibroswarm.paper.claims import Decided, decide
@@ -146,7 +143,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class ItemResult(NotebookView):
+class ItemResult:
     """One item with its tables."""
 
     item: Item
@@ -157,7 +154,7 @@ class ItemResult(NotebookView):
 
 
 @dataclass(frozen=True)
-class Reproduction(NotebookView):
+class Reproduction:
     """Results of a reproduction."""
 
     settings: Settings
@@ -165,12 +162,6 @@ class Reproduction(NotebookView):
     """The requested items with their tables, in the order of the request; skipped items are included."""
     cells: dict[str, Cell]
     """Cells of the items that were not skipped, by key."""
-
-    def __repr__(self) -> str:
-        counts = Counter(one.verdict for one in self.decided)
-        words = ", ".join(f"{count} {verdict}" for verdict, count in counts.most_common())
-        runs = count(self.settings.runs, "run")
-        return f"Reproduction({count(len(self.made), 'item')}, {runs} of each cell; {words or 'no claims'})"
 
     @property
     def decided(self) -> list[Decided]:

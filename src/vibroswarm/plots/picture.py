@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any, Final, ParamSpec
 import polars as pl
 
 from vibroswarm.core.atomic_io import whole_file, write_file
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import check_choice, path_of, shown
+from vibroswarm.errors import check_choice, path_of
 from vibroswarm.floors.io import check_suffix
 from vibroswarm.plots.layout import lay_out
 from vibroswarm.plots.style import NAMES, STYLES, settings, style_named
@@ -48,7 +47,7 @@ P = ParamSpec("P")
 
 
 @dataclass(frozen=True)
-class Picture(NotebookView):
+class Picture:
     """What a ``draw_*`` function returns: a ``figure`` of matplotlib in a ``style``, its numbers and its caption."""
 
     figure: Figure
@@ -59,8 +58,8 @@ class Picture(NotebookView):
     these are undecided."""
     style: str = "column"
 
-    def __repr__(self) -> str:
-        return f"Picture({shown(self.caption)}, {self.numbers.height} marks)"
+    def _repr_svg_(self) -> str:
+        return self.svg()
 
     def write(self, path: Path | str, formats: Sequence[str] | None = None) -> list[Path]:
         """Write the picture as ``path.svg``, ``path.pdf`` and ``path.png``, and its numbers as ``path.csv``.

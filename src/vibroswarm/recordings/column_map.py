@@ -38,7 +38,6 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, some, stated
 from vibroswarm.core.untrusted_files import MAX_NUMBER, parsed_toml, read_bytes
 from vibroswarm.errors import InputError, check_known_keys, nearest, number_of
@@ -295,7 +294,7 @@ USES: Final = (*(name for name in SAMPLES if name != "line"), "tag")
 
 
 @dataclass(frozen=True)
-class Column(NotebookView):
+class Column:
     """A column of the file, and how its cells are converted to numbers: cell * times + plus, or by ``values``."""
 
     name: str
@@ -313,7 +312,7 @@ class Column(NotebookView):
 
 
 @dataclass(frozen=True)
-class ColumnMap(NotebookView):
+class ColumnMap:
     """Instructions for reading a kind of CSV file."""
 
     name: str

@@ -38,7 +38,6 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
 from vibroswarm.motion.source import SEGMENTS
@@ -114,7 +113,7 @@ COUNTED: Final[dict[str, tuple[str, str]]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Log(NotebookView):
+class Log:
     """The log of one session."""
 
     name: str

@@ -21,7 +21,6 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, check_choice, path_of
 from vibroswarm.recordings.column_map import (
@@ -202,7 +201,7 @@ HEAD: Final = 2**20
 
 
 @dataclass(frozen=True)
-class Reader(NotebookView):
+class Reader:
     """A log format."""
 
     name: str

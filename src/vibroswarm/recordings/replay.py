@@ -27,7 +27,6 @@ from vibroswarm.analysis.answers_over_time import ANSWERS, answers_table
 from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.jit import zero_rows
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniform
 from vibroswarm.errors import CodeError, InputError, check_kind, nearest, whole_number_of
 from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_of
@@ -59,7 +58,7 @@ REPLAYABLE: Final = ("sensor", "strategy", "decision")
 
 
 @dataclass(frozen=True, eq=False)
-class Replayed(NotebookView):
+class Replayed:
     """Many draws of the replay of one scenario on a recording."""
 
     scenario: Scenario
@@ -149,7 +148,7 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
 
 
 @dataclass(frozen=True)
-class Replays(NotebookView):
+class Replays:
     """What several strategies would have decided on a recording's observations."""
 
     recording: Recording
@@ -453,7 +452,7 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
 
 
 @dataclass(frozen=True)
-class SessionOutcome(NotebookView):
+class SessionOutcome:
     """Outcome of a session, summarised over the draws of a replay."""
 
     session: int

@@ -24,7 +24,6 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Floats, Ints
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.acceleration import (
@@ -70,7 +69,7 @@ class Line(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Spectrum(NotebookView):
+class Spectrum:
     """The mean spectrum of some samples."""
 
     group: str
@@ -83,7 +82,7 @@ class Spectrum(NotebookView):
 
 
 @dataclass(frozen=True)
-class Spectra(NotebookView):
+class Spectra:
     """Spectra of a recording."""
 
     hz: Floats

@@ -32,7 +32,6 @@ from vibroswarm.analysis.sampling import effective_samples, effective_with_senso
 from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.distances import nearest_tiles
 from vibroswarm.core.jit import read_only
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError, check_kind, number_of
@@ -94,7 +93,7 @@ EDGES_M: Final = (0.0, 0.01, 0.02, 0.04, 0.06, np.inf)
 
 
 @dataclass(frozen=True)
-class Rates(NotebookView):
+class Rates:
     """Error rates of samples at a threshold; nan for a kind of tile without samples."""
 
     false_positive: float
@@ -108,7 +107,7 @@ class Rates(NotebookView):
 
 
 @dataclass(frozen=True)
-class Threshold(NotebookView):
+class Threshold:
     """A threshold with its interval, its error rates, and whether the floor can be decided with it."""
 
     rule: str
@@ -154,7 +153,7 @@ class Threshold(NotebookView):
 
 
 @dataclass(frozen=True, eq=False)
-class Labelled(NotebookView):
+class Labelled:
     """The samples on tiles, with the kind of their tile; (samples,) each."""
 
     energy: Floats
@@ -438,7 +437,7 @@ def edge_profile(data: Labelled, threshold: float) -> pl.DataFrame:
 
 
 @dataclass(frozen=True)
-class Recommendation(NotebookView):
+class Recommendation:
     """Thresholds of a recording by several rules, and which one to use."""
 
     thresholds: tuple[Threshold, ...]

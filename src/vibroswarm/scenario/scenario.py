@@ -579,7 +579,7 @@ def nearest_field(name: str, also: Iterable[str] = ()) -> str:
     return nearest(name, same, cutoff=0.0) or nearest(name, [*known, *sections])
 
 
-class FieldNames(NotebookView):
+class FieldNames:
     """Names of the fields of a section as attributes: the value is the dotted name, or ``FieldNames`` of a table.
 
     Args:
@@ -617,9 +617,6 @@ class FieldNames(NotebookView):
         if any(known.startswith(f"{name}.") for known in below):
             return FieldNames(full)
         raise AttributeError(f"there is no field {full!r}{nearest(name, dir(self))}")
-
-    def __repr__(self) -> str:
-        return f"FieldNames({self._section or 'all'}: {len(self._below())} fields)"
 
 
 fields: Final = FieldNames()

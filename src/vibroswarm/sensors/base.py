@@ -56,7 +56,6 @@ from pydantic import BaseModel
 
 from vibroswarm.core.compiled_code import UnknownValueError, compiled_text
 from vibroswarm.core.jit import read_only
-from vibroswarm.core.notebook_view import viewed
 from vibroswarm.core.registry import Registry
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniforms
 from vibroswarm.core.user_code import errors_in
@@ -94,7 +93,6 @@ _new_hash: Final = itertools.count()
 """Hashes of sensors whose functions read values whose changes cannot be detected."""
 
 
-@viewed
 class Samples(NamedTuple):
     """Samples of one run: where and when they are taken, on what floor, and the address of their chance."""
 

@@ -57,7 +57,7 @@ Tone = Literal["", "good", "fair", "bad", "open"]
 
 
 @dataclass(frozen=True)
-class Text(NotebookView):
+class Text:
     """A paragraph. Words between backticks are code."""
 
     words: str
@@ -66,7 +66,7 @@ class Text(NotebookView):
 
 
 @dataclass(frozen=True)
-class Column(NotebookView):
+class Column:
     """The heading of a column, and how its values are written."""
 
     title: str = ""
@@ -108,7 +108,7 @@ def limits_of(name: str) -> tuple[str, str]:
 
 
 @dataclass(frozen=True)
-class Table(NotebookView):
+class Table:
     """A table. Columns without a format are written as ``Column()`` says; limits have no column of their own.
 
     Formats of columns that the frame does not have are dropped, so that one set of formats serves several tables.
@@ -167,7 +167,7 @@ class Drawn(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Figure(NotebookView):
+class Figure:
     """A figure, which is drawn when it is first looked at; a terminal does not draw it."""
 
     name: str
@@ -192,7 +192,7 @@ def _has_content(part: Part) -> bool:
 
 
 @dataclass(frozen=True)
-class Section(NotebookView):
+class Section:
     """Parts under a heading; empty texts and sections are dropped."""
 
     title: str

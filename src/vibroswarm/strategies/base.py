@@ -44,7 +44,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from pydantic_core import PydanticCustomError
 
 from vibroswarm.core.frozen_model import FrozenModel
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError, nearest, shown, whole_number_of
 from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS, UNUSED, check_function, is_shipped
@@ -78,7 +77,7 @@ class Bit:
 
 
 @dataclass(frozen=True)
-class Plugin(NotebookView):
+class Plugin:
     """What strategies, networks and tasks have in common.
 
     Args:
@@ -129,7 +128,7 @@ class Plugin(NotebookView):
 
 
 @dataclass(frozen=True)
-class Report(NotebookView):
+class Report:
     """A value, or an array of values, that robots report.
 
     Args:

@@ -19,7 +19,6 @@ from vibroswarm.analysis.detection import detection_curve, needed, pairs
 from vibroswarm.analysis.incidence import READ
 from vibroswarm.analysis.intervals import wilson_limits
 from vibroswarm.analysis.map_figures import MAPPED, keeps_map
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError, named
 from vibroswarm.floors.source import resolve, source_of
@@ -39,7 +38,7 @@ LONGER: Final = (1, 2, 4)
 
 
 @dataclass(frozen=True)
-class Detection(NotebookView):
+class Detection:
     """What a detection found."""
 
     tables: Mapping[str, pl.DataFrame]

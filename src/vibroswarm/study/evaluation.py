@@ -200,7 +200,7 @@ def _failed(now: StudyProgress) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison(NotebookView):
+class Comparison:
     """The pairwise comparisons of a study's cells; its text is one sentence per pair."""
 
     outcome: Outcome

@@ -20,7 +20,6 @@ from typing import Any, Final
 
 from vibroswarm.analysis import figures
 from vibroswarm.analysis.intervals import Interval, check_level, wilson_limits
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, keep_plain, share_from, whole_number_of
 
 FIRST_LOOK: Final = 100
@@ -47,7 +46,7 @@ RENAMED: Final = {
 
 
 @dataclass(frozen=True)
-class Precision(NotebookView):
+class Precision:
     """The wanted half-width of a figure's interval, and the most runs that may be made for it.
 
     Args:

@@ -11,7 +11,6 @@ import polars as pl
 
 from vibroswarm.analysis.figures import columns_of, interval, run_figures
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.core.notebook_view import viewed
 from vibroswarm.inference.outcomes import Array, costs_of
 from vibroswarm.study.batch_table import tables_of
 from vibroswarm.study.plan import Group
@@ -19,7 +18,6 @@ from vibroswarm.study.precision import Precision
 from vibroswarm.study.store import Store
 
 
-@viewed
 class Settled(NamedTuple):
     """A group that needs no more runs: it is precise enough, or has reached the limit of runs."""
 

@@ -24,8 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
-from vibroswarm.core.notebook_view import NotebookView, study_verbs
-from vibroswarm.core.numbers import count
+from vibroswarm.core.notebook_view import study_verbs
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import (
@@ -118,7 +117,7 @@ MOST_RUNS: Final = 100_000_000
 
 
 @dataclass(frozen=True)
-class Cell(NotebookView):
+class Cell:
     """One scenario of a study: its number, its values of the varied fields (``point``), and the scenario.
 
     ``words`` has each varied value as text, with enough digits to distinguish it from the field's other values.
@@ -131,9 +130,6 @@ class Cell(NotebookView):
     name: str = ""
     """A name that no other cell has; the scenario's strategy if nothing is varied."""
 
-    def __repr__(self) -> str:
-        return f"Cell({self.number}, {shown(self.name)})"
-
     @cached_property
     def hash(self) -> str:
         """Hash of the scenario."""
@@ -145,7 +141,7 @@ class Cell(NotebookView):
 
 
 @dataclass(frozen=True)
-class Study(NotebookView):
+class Study:
     """Many runs of scenarios that differ in some fields.
 
     Args:
@@ -231,18 +227,6 @@ class Study(NotebookView):
             # The value is not used: the call raises if robots cannot test their readings against this boundary, so that
             # the user learns it before any simulation.
             readings_boundary(cell.scenario)
-
-    def __repr__(self) -> str:
-        cells, varied = count(len(self.cells), "cell"), ", ".join(self.varied)
-        # Exactly one of ``runs`` and ``until`` is None; ``and self.until`` is for type checkers.
-        runs = (
-            f"until {self.until.figure} is known"
-            if self.runs is None and self.until
-            else count(self.runs or 0, "run")
-        )
-        name = f"{shown(self.name)}, " if self.name else ""
-        vary = f", varied: {varied}" if varied else ""
-        return f"Study({name}{cells}, {runs} each, seed {self.seed}{vary})"
 
     @classmethod
     def of(cls, scenario: Scenario, runs: int = 100, seed: int = 1, **grid: Iterable[Any]) -> Study:

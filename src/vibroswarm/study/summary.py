@@ -24,7 +24,6 @@ from vibroswarm.analysis.intervals import mean_interval, within
 from vibroswarm.analysis.robot_knowledge import COUNTED, counted, gate_unreached
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.folders import about_file
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import csv_bytes, parquet_bytes
 from vibroswarm.errors import RunError, warn_once
@@ -52,7 +51,7 @@ OF_SOME: Final = ("reported", "comparisons", "equal_error", "references")
 
 
 @dataclass(frozen=True)
-class CellOutcome(NotebookView):
+class CellOutcome:
     """The figures of a cell; times in s, lengths in m."""
 
     cell: Cell
@@ -75,7 +74,7 @@ class CellOutcome(NotebookView):
 
 
 @dataclass(frozen=True)
-class Outcome(NotebookView):
+class Outcome:
     """The summary of a study."""
 
     result: StudyResult
@@ -96,9 +95,6 @@ class Outcome(NotebookView):
     """How soon could have been decided from the same samples, of ``baselines.references_of``; empty: not computed."""
     unmatched: str = ""
     """What was requested and is not compared at equal error, and why; empty if nothing."""
-
-    def __repr__(self) -> str:
-        return f"Outcome({len(self.cells)} cells, {len(self.answers)} comparisons, of {self.result!r})"
 
     @cached_property
     def table(self) -> pl.DataFrame:

@@ -29,7 +29,6 @@ from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import cluster_share, columns_of, share_interval
 from vibroswarm.analysis.pareto import pareto_front
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, number_of
 from vibroswarm.inference.outcomes import Array, costs_of, forced_errors, numbers
 from vibroswarm.scenario.scenario import Scenario
@@ -39,7 +38,7 @@ from vibroswarm.study.spec import Study
 
 
 @dataclass(frozen=True)
-class Tradeoff(NotebookView):
+class Tradeoff:
     """Time against error over p_c and O_c, and what was simulated for it."""
 
     curve: pl.DataFrame

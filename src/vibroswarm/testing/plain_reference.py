@@ -27,7 +27,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.compiled_types import as_compiled, new_row
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose
 from vibroswarm.errors import InputError, shown
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
@@ -104,7 +103,7 @@ class TooEarly(NamedTuple):
 
 
 @dataclass
-class PlainRun(NotebookView):
+class PlainRun:
     """Result of ``plain_run``: a row per sample, in order of time and robot, and the robots at the end."""
 
     rows: list[dict[str, Any]]

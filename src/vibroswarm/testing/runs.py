@@ -15,7 +15,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, RunError
@@ -33,7 +32,7 @@ from vibroswarm.testing.plain_reference import PlainRun, plain_run
 
 
 @dataclass(frozen=True)
-class Finding(NotebookView):
+class Finding:
     """The finding of one check."""
 
     what: str
