@@ -1,7 +1,7 @@
 """Exported robots do what the simulated ones do: the plain program, C in double and single precision, on a Cortex-M0.
 
-One inspection of 500 s by five robots, for every strategy that needs no places (``test_exported_places``). Each
-exported robot is fed what one of them measured and heard; all decide, but for a few under DC, DMVD and DMMD.
+One inspection of 500 s by five robots, for every strategy that can be exported. Each exported robot is fed what one of
+them measured and heard; all decide, but for a few under DC, DMVD and DMMD.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from helpers.exported_robots import (
+    EXPORTED,
     HAS_ARM,
     Swarm,
     built,
@@ -31,10 +32,8 @@ from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_program import NEEDS_DOUBLE
 from vibroswarm.export.plain_program import plain_program
 from vibroswarm.robot.walk import AVOID, STOP, TURN
-from vibroswarm.strategies import names
 
 SEED, TICKS = 4, 25_000
-STRATEGIES = [name for name in names() if name not in ("places", "explore", "fading", "field")]
 BASE = preset("paper").with_values(
     {
         "floor.source": "random:0.4",
@@ -45,7 +44,7 @@ BASE = preset("paper").with_values(
 )
 WHOLE = ("soft", "three_valued")
 """Strategies, one without and one with timers, of which the whole program is run, walk and inbox included."""
-OF_SINGLE = [name for name in STRATEGIES if name not in NEEDS_DOUBLE]
+OF_SINGLE = [name for name in EXPORTED if name not in NEEDS_DOUBLE]
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +151,7 @@ def test_after_an_avoidance_a_robot_heeds_no_ray_for_so_long() -> None:
 
 
 @needs_gcc
-@pytest.mark.parametrize("name", STRATEGIES)
+@pytest.mark.parametrize("name", EXPORTED)
 def test_c_in_double_precision_is_the_plain_program_bit_by_bit(
     name: str, swarms: Any, tmp_path: Path
 ) -> None:
@@ -186,7 +185,7 @@ def test_single_precision_does_not_serve_three_valued(swarms: Any, tmp_path: Pat
 
 
 @needs_arm
-@pytest.mark.parametrize("name", STRATEGIES)
+@pytest.mark.parametrize("name", EXPORTED)
 def test_a_cortex_m0_makes_the_same_events(name: str, swarms: Any, tmp_path: Path) -> None:
     swarm = swarms(name)
     program = built_for_arm(BASE.with_values({"strategy.name": name}), tmp_path)

@@ -31,7 +31,10 @@ from vibroswarm.strategies import strategy as strategy_of
 HERE = Path(__file__).parent
 SOURCES = ("vibroswarm.c", "robot_harness.c")
 LOG_SOURCE = "vibroswarm_radio.c"
-START, STEP, SAMPLE, RECEIVE, HEAR, TIMER, TICK, TOLD, MOVED, STOPPED, ACCELERATE, OBSERVED = range(12)
+START, STEP, SAMPLE, RECEIVE, HEAR, TIMER, TICK, ACCELERATE, OBSERVED = range(9)
+NOT_EXPORTED = ("places", "explore", "fading", "field")
+"""Strategies of the package that read places or steer."""
+EXPORTED = [name for name in strategies.names() if name not in NOT_EXPORTED]
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off")
 ARM = (
     "arm-none-eabi-gcc", "-std=c99", "-Os", "-mcpu=cortex-m0", "-mthumb", "-ffunction-sections", "-fdata-sections",
@@ -166,8 +169,7 @@ class Swarm:
     """An inspection by robots of the plain program that measure what those of a simulation measured.
 
     ``whole``: what each robot is fed, period by period. ``short``: the same without the walk, by what it heard, its
-    samples and its timers. ``walked``: what it did for ``whole``. ``did``: likewise for ``short``. ``walks`` and
-    ``events``: what in ``walked`` is of its walk, and what is not.
+    samples and its timers. ``walked``: what it did for ``whole``. ``did``: likewise for ``short``.
     """
 
     def __init__(
@@ -188,32 +190,10 @@ class Swarm:
         self.short: list[list[float]] = [[] for _ in readings]
         self.walked: list[list[float]] = [[] for _ in readings]
         self.did: list[list[float]] = [[] for _ in readings]
-        self.walks: list[list[float]] = [[] for _ in readings]
-        self.events: list[list[float]] = [[] for _ in readings]
         for i, robot in enumerate(self.robots):
             self.module.start(robot, seed, 0, i)
             for events in (self.whole[i], self.short[i]):
                 events += [START, seed, 0, i]
-
-    def told(self, poses: list[tuple[float, float, float]]) -> None:
-        """Tell the robots where they start; their localisation is then noted too."""
-        for i, pose in enumerate(poses):
-            self.module.told_simulated(self.robots[i], *pose)
-            for events in (self.whole[i], self.short[i]):
-                events += [TOLD, *pose]
-        moved, stopped = self.module.moved, self.module.stopped
-        numbers = {id(robot): i for i, robot in enumerate(self.robots)}
-
-        def note_moved(robot: Any, *values: float) -> None:
-            self.short[numbers[id(robot)]] += [TICK, robot.tick, MOVED, *values]
-            moved(robot, *values)
-
-        def note_stopped(robot: Any) -> None:
-            stopped(robot)
-            self.short[numbers[id(robot)]] += [STOPPED]
-            self.did[numbers[id(robot)]] += robot.estimate.tolist()
-
-        vars(self.module).update(moved=note_moved, stopped=note_stopped)
 
     def run(self) -> None:
         """Go through all control periods."""
@@ -268,7 +248,6 @@ class Swarm:
         if (mode, legs, avoidances) != (walk.mode, walk.legs, walk.avoidances):
             row = [robot.tick, walk.mode, walk.legs, walk.avoidances, walk.leg_ms, walk.error_deg]
             self.walked[i] += row
-            self.walks[i] += row
         self.standing[robot.tick - 1, i], self.sampling[robot.tick - 1, i] = walk.mode == STOP, samples
         self.note_heard(i, robot.called)
         self.do_jobs(robot)
@@ -307,7 +286,7 @@ class Swarm:
         robot = self.robots[i]
         row = [kind, robot.tick, robot.sends, robot.decision, robot.belief, robot.heard]
         row += [float(getattr(robot.out, field)) for field in self.fields]
-        for noted in (self.did, self.walked, self.events):
+        for noted in (self.did, self.walked):
             noted[i] += row
 
 
@@ -338,30 +317,3 @@ def measured_at_each_tick(scenario: Scenario, seed: int, ticks: int) -> np.ndarr
         run.tick += 1
         found[k, :, 1] = run.swarm["nearest_mm"]
     return found
-
-
-def steered_and_measured(scenario: Scenario, seed: int) -> tuple[Any, np.ndarray[Any, Any]]:
-    """Simulate run 0 of robots that steer; return it, and what they measured as ``measured_at_each_tick`` does."""
-    from functools import partial
-
-    from vibroswarm import simulate
-    from vibroswarm.motion.fixed_step import FixedStepRun
-    from vibroswarm.motion.kernel_run import batch_of
-    from vibroswarm.motion.source import Source, forget, register
-
-    measured: list[np.ndarray[Any, Any]] = []
-
-    class Measuring(FixedStepRun):
-        def move_on(self, until: int) -> int:
-            while self.tick < until and self.record.filled[0] == 0:
-                gyro_deg = self.swarm["gyro_deg"].copy()
-                self.tick = super().move_on(self.tick + 1)
-                measured.append(np.stack([gyro_deg, self.swarm["nearest_mm"]], axis=1))
-            return self.tick
-
-    register(Source("measuring", Measuring, partial(batch_of, Measuring), is_ours=True))
-    try:
-        result = simulate(scenario, seed, [0], motion="measuring")
-    finally:
-        forget("measuring")
-    return result, np.array(measured)

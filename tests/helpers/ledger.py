@@ -168,10 +168,13 @@ def bits_of(values: pl.Series) -> bytes:
 
 
 def exported_programs(block: Mapping[str, Any], short: bool) -> Iterator[tuple[str, str]]:
-    """Yield name and text of the robot's program in C for every preset and choice."""
+    """Yield name and text of the robot's program in C for every preset and choice that can be exported."""
     pairs = list(product(block["presets"], LIST["choices"][block["of"]].items()))
     for base, (name, values) in pairs[:: block["short"] if short else 1]:
-        files = library_files(preset(base).with_values(values))
+        try:
+            files = library_files(preset(base).with_values(values))
+        except InputError:
+            continue
         yield (
             f"{base}, {name}",
             "\n".join(files[file] for file in sorted(files) if file.endswith((".c", ".h"))),

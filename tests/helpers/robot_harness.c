@@ -155,7 +155,7 @@ static void do_event(void);
 void vs_poll(void)
 {
     static int polls;
-    if (is_working && robot.jobs < 5 && !robot.decides && ++polls == POLLS && has_next()) {
+    if (is_working && robot.jobs < 5 && ++polls == POLLS && has_next()) {
         polls = 0;
         do_event();
     }
@@ -164,7 +164,7 @@ void vs_poll(void)
 static void do_event(void)
 {
     const int kind = (int)next();
-    double v[6];
+    double v[3];
     vs_int before;
     switch (kind) {
     case 0: /* start: seed, run, number */
@@ -206,26 +206,7 @@ static void do_event(void)
     case 6: /* tick of the next sample */
         robot.tick = (vs_int)next();
         break;
-#if VS_LOCALISES
-    case 7: /* start as told with the simulation's errors: x, y, heading */
-        for (int k = 0; k < 3; k++)
-            v[k] = next();
-        vs_told_simulated(&robot, v[0], v[1], v[2]);
-        break;
-    case 8: /* move: kind, duration, turn, ray, after a drive, at an obstacle */
-        for (int k = 0; k < 6; k++)
-            v[k] = next();
-        vs_moved(&robot, (vs_int)v[0], v[1], v[2], v[3], v[4] != 0, v[5] != 0);
-        break;
-    case 9: /* a stop begins */
-        vs_stopped(&robot);
-        for (int k = 0; k < 9; k++) {
-            const double value = robot.estimate[k];
-            write_bytes(&value, sizeof value);
-        }
-        break;
-#endif
-    case 10: /* acceleration: x, y, z */
+    case 7: /* acceleration: x, y, z */
         for (int k = 0; k < 3; k++)
             v[k] = next();
         vs_accelerate(&robot, v[0], v[1], v[2]);

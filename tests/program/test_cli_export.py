@@ -13,11 +13,10 @@ from typing import Any
 import pytest
 
 from helpers.commands import refusal_of
-from helpers.exported_robots import HAS_ARM, STRICT, needs_gcc
+from helpers.exported_robots import EXPORTED, HAS_ARM, NOT_EXPORTED, STRICT, needs_gcc
 from vibroswarm import preset
 from vibroswarm.cli import main
 from vibroswarm.export import c_library
-from vibroswarm.strategies import names
 
 MOTORS: dict[str, Any] = {
     "sensor.model": "acceleration",
@@ -26,7 +25,6 @@ MOTORS: dict[str, Any] = {
 THREE_KINDS: dict[str, dict[str, Any]] = {
     "own sensor": {"sensor.model": "confusion"},
     "`dirichlet`, two motors": MOTORS,
-    "`places`, two motors": MOTORS | {"strategy.name": "places"},
 }
 """Robots that read three kinds of tile, with ``dirichlet`` where no other strategy is named."""
 
@@ -52,6 +50,14 @@ def test_a_library_is_written_once(library: Path, capsys: pytest.CaptureFixture[
         capsys, "export", "c", library, "--strategy", "none"
     )
     assert (library / "src" / "vibroswarm.c").read_text() == before
+
+
+@pytest.mark.parametrize("strategy", NOT_EXPORTED)
+def test_strategies_that_read_places_or_steer_are_refused(
+    strategy: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refusal_of(capsys, "export", "c", tmp_path / "robot", "--strategy", strategy)
+    assert f"'{strategy}' reads places or steers, so it cannot be exported" in said
 
 
 def check(folder: Path, *options: str) -> int:
@@ -102,15 +108,15 @@ int main(void)
     uint8_t packet[VS_PACKET_BYTES];
     vs_int sender = 0, number = 0;
     memset(&sent, 0, sizeof sent);
-    sent.bit = 1;
-    sent.number = -7;
-    sent.at_x_m = 0.125;
+    sent.ones = 1;
+    sent.zeros = -7;
+    sent.social_ones = 0.125;
     const vs_int length = vs_pack(&sent, 3, 70000, packet);
     for (int k = 0; k < length; k++)
         printf("%02x", packet[k]);
     const bool reads = vs_unpack(packet, length, &heard, &sender, &number);
     printf(" %d %d %d", reads, (int)sender, (int)number);
-    printf(" %d %d %g", (int)heard.bit, (int)heard.number, (double)heard.at_x_m);
+    printf(" %d %d %g", (int)heard.ones, (int)heard.zeros, (double)heard.social_ones);
     printf(" %d", vs_unpack(packet, length - 1, &heard, &sender, &number));
     packet[0]++; /* another layout */
     printf(" %d", vs_unpack(packet, length, &heard, &sender, &number));
@@ -128,7 +134,7 @@ int main(void)
 @needs_gcc
 @pytest.mark.parametrize("precision", [1, 2])
 def test_packets_hold_messages_and_say_what_runs(precision: int, tmp_path: Path) -> None:
-    sources = written(scenario_for("places"), tmp_path)
+    sources = written(scenario_for("dbbs"), tmp_path)
     printed = printed_by(PACKETS, sources, precision)
     packet, reads, *found, short, layout, program, unknown = printed.split()
     identity = re.search(
@@ -136,8 +142,8 @@ def test_packets_hold_messages_and_say_what_runs(precision: int, tmp_path: Path)
     )
     assert identity is not None
     number = "f" if precision == 1 else "d"
-    fields = (1, int(identity[1], 16), 3, 70000, 1, -7, 0.125, 0.0, 0.0, 0.0)
-    assert bytes.fromhex(packet) == struct.pack(f"<BIBIii4{number}", *fields)
+    fields = (1, int(identity[1], 16), 3, 70000, 1, -7, 0.125, 0.0)
+    assert bytes.fromhex(packet) == struct.pack(f"<BIBIii2{number}", *fields)
     assert (reads, found) == ("1", ["3", "70000", "1", "-7", "0.125"])
     assert (short, layout, program, unknown) == ("0", "0", "0", "0")
 
@@ -169,7 +175,7 @@ int main(void) { return vs_self_test(&robot) ? 0 : 3; }
 
 
 @needs_gcc
-@pytest.mark.parametrize("strategy", ["own sensor"] if HAS_ARM else [*names(), *THREE_KINDS])
+@pytest.mark.parametrize("strategy", ["own sensor"] if HAS_ARM else [*EXPORTED, *THREE_KINDS])
 def test_robots_test_themselves(strategy: str, tmp_path: Path) -> None:
     """The others do on the emulated processor, below; ``soft`` does in its sketch, above."""
     sources = written(scenario_for(strategy), tmp_path)
@@ -219,7 +225,7 @@ def compiled(folder: Path, *flags: str, compiler: str = "gcc") -> subprocess.Com
 
 @needs_gcc
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", [*sorted(names()), *THREE_KINDS])
+@pytest.mark.parametrize("strategy", [*sorted(EXPORTED), *THREE_KINDS])
 def test_compilers_warn_of_nothing(tmp_path: Path, strategy: str) -> None:
     """Optimised once: what else is warned of then, a number without a value, does not depend on the precision.
 

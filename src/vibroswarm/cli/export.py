@@ -23,7 +23,7 @@ def c(
 ) -> None:
     """Write the program of a scenario's robots as a C99 library, with a sketch for Arduino and PlatformIO.
 
-    The program is walk, sensing, belief, localisation and strategy.
+    The program is walk, sensing, belief and strategy.
 
     example:
       vibroswarm export c robot --strategy soft

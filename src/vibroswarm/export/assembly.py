@@ -15,24 +15,22 @@ import numpy as np
 from vibroswarm import sensors
 from vibroswarm.errors import InputError
 from vibroswarm.export import robot_program
-from vibroswarm.export.source import plain, source_of
+from vibroswarm.export.source import plain
 from vibroswarm.inference.agents import sizes_of, strategy_of_kinds, strategy_used, world_of
-from vibroswarm.localisation.locate import is_estimated, program_of
 from vibroswarm.motion.robot_params import setup_of
 from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.belief import belief_below as posterior_below
 from vibroswarm.robot.line_sensing import LineProgram, Wave, empty_wave
-from vibroswarm.robot.pose_mixture import LocalisationProgram, Mixture, empty_mixture
 from vibroswarm.robot.sensing import ClassBorders, SenseProgram, readings
 from vibroswarm.robot.walk import WalkProgram
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors.claims import class_borders
 from vibroswarm.strategies.base import Strategy
-from vibroswarm.strategies.static_analysis import PLACE, fields_read
+from vibroswarm.strategies.static_analysis import fields_read, reads_places
 from vibroswarm.strategies.world import World, belief_below
 
-HOOKS: Final = ("begin", "on_sample", "on_timer", "decision", "steer")
+HOOKS: Final = ("begin", "on_sample", "on_timer", "decision")
 """Hooks that only take the place of the function of the same name in ``robot_program``; ``hooks_of`` treats the others
 one by one."""
 MOST_ROBOTS: Final = 256
@@ -69,10 +67,6 @@ class RobotParts:
     """Parameters of the walk."""
     sensing: SenseProgram
     """Parameters of sensing."""
-    localiser: LocalisationProgram | None
-    """Parameters of localisation; None if the strategy reads no places."""
-    mixture: Mixture | None
-    """Memory of localisation, of the right size; None if the strategy reads no places."""
     sizes: Mapping[str, int]
     """Sizes that arrays may have, by name, such as robots and tiles."""
     rms_threshold: float
@@ -100,8 +94,8 @@ def parts_of(scenario: Scenario) -> RobotParts:
     """Return the parts of a scenario's robots.
 
     Raises:
-        InputError: there are more than ``MOST_ROBOTS`` robots, an option of the strategy, or a sensor's reading of its
-            numbers, cannot be exported, or the strategy reads places that a real robot cannot know.
+        InputError: there are more than ``MOST_ROBOTS`` robots, or the strategy, its options, or a sensor's reading of
+            its numbers, cannot be exported.
     """
     if scenario.swarm.robots > MOST_ROBOTS:
         raise InputError(
@@ -110,21 +104,12 @@ def parts_of(scenario: Scenario) -> RobotParts:
             field="swarm.robots",
         )
     strategy = strategy_of_kinds(scenario)
-    refuse_options(scenario, strategy)
-    read = fields_read(strategy) & set(PLACE)  # fields of ``Reading`` that depend on where the robot is
-    localiser, mixture = None, None
-    if read and not is_estimated(scenario):
+    if reads_places(strategy) or strategy.steer is not None:
         raise InputError(
-            f"is 'true', but a real robot does not know where it is, and '{strategy.name}' reads "
-            f"{', '.join(sorted(read))}; leave it at auto, or use --set localisation.method=mixture",
-            field="localisation.method",
+            f"'{strategy.name}' reads places or steers, so it cannot be exported", field="strategy.name"
         )
-    if read:  # a strategy that reads no place needs no localisation
-        localiser = program_of(scenario)
-        lag = scenario.localisation.lag
-        # The method "mixture" keeps several Gaussians, any other method one.
-        count = scenario.localisation.components if scenario.place_method == "mixture" else 1
-        mixture = empty_mixture(count, lag)
+    if strategy_used(scenario) is not strategy:
+        raise InputError("robots with these options cannot be exported", field=f"strategy.{strategy.name}")
     sensor = sensors.sensor(scenario.sensor.model)
     measures = sensor.in_section or sensor.accelerometer is not None
     sensing, setup = sense_program(scenario), setup_of(scenario)
@@ -136,7 +121,6 @@ def parts_of(scenario: Scenario) -> RobotParts:
         strategy=strategy,
         hooks={
             **hooks_of(strategy),
-            "HAS_PLACES": mixture is not None,
             "HAS_LINES": lines is not None,
             "READS_CLASSES": lines is not None or not measures,
             **({} if classifier is None else {"class_of_sensor": classifier.class_of}),
@@ -147,8 +131,6 @@ def parts_of(scenario: Scenario) -> RobotParts:
         world=world_of(scenario, counts=0),  # 0: the smallest table of beliefs, because it is not exported
         walker=WalkProgram(**{name: setup[name].item() for name in WalkProgram._fields}),
         sensing=sensing,
-        localiser=localiser,
-        mixture=mixture,
         sizes=sizes_of(scenario),
         rms_threshold=float(scenario.sensor.rms_threshold),
         lines=lines,
@@ -192,36 +174,6 @@ def classifier_of(sensor: Sensor) -> Classifier | None:
     return Classifier(model.class_of, numbers or {"unused": 0}, names)
 
 
-def refuse_options(scenario: Scenario, strategy: Strategy) -> None:
-    """Refuse parameters (options) for which a variant of the strategy runs: variants cannot be exported.
-
-    Raises:
-        InputError: a variant runs. The message gives file and line of its ``on_sample``, and the error's field is the
-            first parameter that would select another variant or none if it alone had its default. If no parameter
-            would, the field is the strategy.
-    """
-    used, params = strategy_used(scenario), scenario.strategy.params
-    if used is strategy:
-        return
-    variant_hook = source_of(used.on_sample)
-    place = f"see {variant_hook.file}, line {variant_hook.before + 1}"
-    for name, field in type(params).model_fields.items():
-        value = getattr(params, name)
-        # The parameter is to blame if its default would select another strategy.
-        with_default = scenario.with_values({f"strategy.{strategy.name}.{name}": field.default})
-        if value != field.default and strategy_used(with_default) != used:
-            shown = str(value).lower() if isinstance(value, bool) else value
-            raise InputError(
-                f"{shown}: robots with this option cannot be exported yet, because an exported program cannot hold "
-                f"their messages and readings ({place}); leave it at {str(field.default).lower()}",
-                field=f"strategy.{strategy.name}.{name}",
-            )
-    raise InputError(
-        f"robots with these options cannot be exported yet ({place}); leave them at their defaults",
-        field=f"strategy.{strategy.name}",
-    )
-
-
 def omitted_of_world(strategy: Strategy) -> tuple[str, ...]:
     """Return the fields of ``World`` that a robot does not have: large ones that it can do without."""
     return ("beliefs",) if "rates" in fields_read(strategy) else ("beliefs", "rates")
@@ -238,8 +190,8 @@ def params_of(scenario: Scenario, strategy: Strategy) -> dict[str, Any]:
 def hooks_of(strategy: Strategy) -> dict[str, Any]:
     """Return the values of the open names of ``robot_program`` for a strategy: its hooks, and constants about them.
 
-    A missing ``on_message`` or ``belief`` is replaced by a function of ``robot_program``. A missing ``on_timer`` or
-    ``steer`` is left out, so that ``robot_program`` keeps its default (``inference.default_hooks``).
+    A missing ``on_message`` or ``belief`` is replaced by a function of ``robot_program``. A missing ``on_timer`` is
+    left out, so that ``robot_program`` keeps its default (``inference.default_hooks``).
     """
     found: dict[str, Any] = {hook: getattr(strategy, hook) for hook in HOOKS if getattr(strategy, hook)}
     found["on_message"] = strategy.on_message
@@ -249,6 +201,6 @@ def hooks_of(strategy: Strategy) -> dict[str, Any]:
     found["belief"] = strategy.belief or robot_program.no_belief
     # The timer's time is no hook of strategies: ``timer_of_state`` reads it from the state's field ``next_s``.
     found["next_s"] = robot_program.timer_of_state
-    found["HAS_TIMER"], found["HAS_STEER"] = strategy.on_timer is not None, strategy.steer is not None
+    found["HAS_TIMER"] = strategy.on_timer is not None
     found["posterior_below"] = posterior_below  # called by ``robot_program.belief_of_posterior``
     return found

@@ -59,8 +59,7 @@ def library_files(scenario: Scenario) -> dict[str, str]:
 
     Raises:
         InputError: the robots cannot be exported: a construct cannot be translated (file and line are named), the
-            strategy has an option that cannot be exported, it reads places that a real robot cannot know, or a
-            constant is nan.
+            strategy or an option of it cannot be exported, or a constant is nan.
     """
     parts = parts_of(scenario)
     sources = c_sources(parts)

@@ -37,7 +37,6 @@ from vibroswarm.export.parameters import ROWS, macro_of
 from vibroswarm.export.source import plain
 from vibroswarm.robot.features import Peak
 from vibroswarm.robot.line_sensing import LineProgram, Wave
-from vibroswarm.robot.pose_mixture import ESTIMATE, LocalisationProgram, Mixture
 from vibroswarm.robot.sensing import ClassBorders, SenseProgram, SenseState
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkProgram, WalkState
 from vibroswarm.strategies.base import arrays_of, fields_of
@@ -56,7 +55,7 @@ NEEDS_DOUBLE: Final = {
 """Strategies for which float is not precise enough: the precision that is, and why."""
 ENUMS: Final = {
     "What a robot does: its member walk.mode.": {"DRIVE": DRIVE, "TURN": TURN, "AVOID": AVOID, "STOP": STOP},
-    "Kinds of jobs.": {name: getattr(robot_program, name) for name in ("MOVE", "STAND", "LISTEN", "SAMPLE")},
+    "Kinds of jobs.": {name: getattr(robot_program, name) for name in ("LISTEN", "SAMPLE")},
 }
 """Constants of the program that have names in C, by what they are."""
 PACKET_VERSION: Final = 1
@@ -71,7 +70,7 @@ GROUPS: Final = {
     "These may take many control periods, and call vs_poll meanwhile": robot_program.PATIENT,
 }
 """Functions that can be called from outside, by the heading of their group."""
-TESTED: Final = {"Parts of vs_work and vs_start": robot_program.PARTS}
+TESTED: Final = {"Parts of vs_work": robot_program.PARTS}
 """Those that tests call, too."""
 
 
@@ -92,8 +91,7 @@ def c_sources(parts: RobotParts, *, for_tests: bool = False) -> CSources:
         InputError: a construct cannot be translated; file and line are named.
     """
     structs, (precision, why) = structs_of(parts), precision_of(parts)
-    # Constant rows are static structs in C, filled in from the macros of the header of parameters. Without localisation
-    # there is no LOCALISER.
+    # Constant rows are static structs in C, filled in from the macros of the header of parameters.
     constants = {name: structs[row] for name, row in ROWS.items() if row in structs}
     # Constant rows and numbers that the translated functions read as global names.
     globals = {name: Value(f"vs_{name.lower()}", kind, is_place=True) for name, kind in constants.items()}
@@ -130,7 +128,6 @@ def c_sources(parts: RobotParts, *, for_tests: bool = False) -> CSources:
             # Prototypes; all other functions are static.
             heads=documented(groups, {name: f"{item.head};" for name, item in api.items()}),
             inbox=robot_memory.INBOX,
-            localises=int(parts.mixture is not None),
             radio=radio_macros(structs),
             enums="\n".join(enum_of(about, names) for about, names in ENUMS.items()),
             precision=precision,
@@ -166,16 +163,14 @@ def _translated(
 def precision_of(parts: RobotParts) -> tuple[int, str]:
     """Return the least precision in which robots act as they do in double precision, and the reason for it.
 
-    For strategies of the package, tests compare the precisions. A user's own strategy is not tested: it gets ``MIXED``
-    if its robots localise, else ``SINGLE``.
+    For strategies of the package, tests compare the precisions. A user's own strategy is not tested: it gets
+    ``SINGLE``.
 
     Returns:
         ``SINGLE`` (float), ``MIXED`` (double, with arrays in float) or ``DOUBLE``, and a sentence for the header.
     """
     if parts.classifier is not None and NEEDS_DOUBLE.get(parts.strategy.name, (MIXED, ""))[0] == MIXED:
         return MIXED, "classes of several numbers are then those of the simulation to the last bit"
-    if parts.mixture is not None:  # no strategy that needs DOUBLE reads places
-        return MIXED, "float changes which wall a component takes; double arrays need twice the memory"
     tested = "float makes the same events as double"
     # str(): the module of a function made by ``exec`` may be None.
     is_ours = str(plain(parts.strategy.on_sample).__module__).startswith("vibroswarm.")
@@ -226,16 +221,10 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
         "Message": struct_of_row("vs_Message", fields_of(strategy.message)),
         "Arrays": struct_of_arrays("vs_Arrays", strategy.arrays, parts.sizes),
     }  # fmt: skip
-    if parts.localiser is not None:
-        found["LocalisationProgram"] = struct_of_class(
-            "vs_LocalisationProgram", LocalisationProgram, like=parts.localiser
-        )
-        # mutable: a named tuple, but localisation changes its arrays in place.
-        found["Mixture"] = struct_of_class("vs_Mixture", Mixture, mutable=True, like=parts.mixture)
     if parts.wave is not None:
         found["Peak"] = struct_of_class("vs_Peak", Peak)
         found["LineProgram"] = struct_of_class("vs_LineProgram", LineProgram, like=parts.lines)
-        # mutable: as the mixture.
+        # mutable: a named tuple, but its arrays are changed in place.
         found["Wave"] = struct_of_class("vs_Wave", Wave, mutable=True, like=parts.wave)
     if parts.borders is not None:
         found["ClassBorders"] = struct_of_class("vs_ClassBorders", ClassBorders, like=parts.borders)
@@ -249,7 +238,7 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
 def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
     """Return the struct of a robot's memory: the fields of ``robot_memory.Robot``.
 
-    Fields that only localisation, or reading classes, uses are left out of robots without it.
+    Fields that only reading classes uses are left out of robots without it.
 
     Args:
         structs: the other structs, by the names of their Python classes.
@@ -269,15 +258,9 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
         "walk": structs["WalkState"],
         "dice": structs["Dice"],
         "sense": structs["SenseState"],
-        "place": structs.get("Mixture"),
         "wave": structs.get("Wave"),
-        "estimate": CArray(REAL, (len(ESTIMATE),)),
     }
-    of_localisation = (
-        "place", "estimate", "move_start_s", "move_turned_deg", "move_ray_m", "move_after_drive",
-    )  # fmt: skip
     omitted = (
-        *(of_localisation if parts.mixture is None else ()),
         *(("wave",) if parts.wave is None else ()),
         *(() if parts.reads_classes else ("reading",)),
     )
@@ -325,7 +308,6 @@ def radio_macros(structs: Mapping[str, Struct]) -> str:
         or "(void)message;",
         "VS_LOG_HEADER": f'"{",".join(LOG_COLUMNS)}\\n"',
         "VS_LOG_BYTES": "200",
-        "VS_LOG_PLACE(k)": "r->estimate[k]" if "Mixture" in structs else "VS_NAN",
         "VS_LOG_BIT": "(vs_real)r->out.bit" if message.type_of("bit") == INT else "VS_NAN",
         "VS_LOG_ALPHA": "(vs_real)r->state.alpha" if has_posterior else "VS_NAN",
         "VS_LOG_BETA": "(vs_real)r->state.beta" if has_posterior else "VS_NAN",
@@ -361,7 +343,6 @@ def checks_of(parts: RobotParts) -> list[str]:
 def groups_of(parts: RobotParts, *, for_tests: bool) -> dict[str, list[str]]:
     """Return the functions of a robot that can be called from outside, by the heading of their group."""
     omitted = (
-        *(robot_program.OF_PLACES if parts.mixture is None else ()),
         *(robot_program.OF_VALUES if parts.borders is None else ()),
         *(robot_program.OF_NUMBERS if parts.classifier is None else ()),
     )
@@ -399,7 +380,6 @@ extern "C" {{
 #endif
 
 #define VS_INBOX {inbox}
-#define VS_LOCALISES {localises} /* whether a robot estimates its place, and so is told where it starts */
 
 {enums}
 
@@ -428,8 +408,8 @@ vs_int vs_pack(const vs_Message *message, vs_int sender, vs_int number, uint8_t 
 bool vs_unpack(const uint8_t *packet, vs_int length, vs_Message *message, vs_int *sender, vs_int *number);
 
 /* Write the line of the log (CSV below VS_LOG_HEADER, with its end, then a null character) of the sample whose work was
-   done last; return its length, below VS_LOG_BYTES. 'vibroswarm lab import' reads it. Robots that do not know their
-   places leave x_m and y_m empty: 'vibroswarm lab track --log' adds them from a video. */
+   done last; return its length, below VS_LOG_BYTES. 'vibroswarm lab import' reads it. x_m and y_m are empty:
+   'vibroswarm lab track --log' adds them from a video. */
 vs_int vs_log_line(const vs_Robot *r, char *line);
 
 /* Test the program on this board, before vs_start, in a robot's memory, which is all zero afterwards: a short

@@ -26,7 +26,6 @@ ROWS: Final = {
     "WORLD": "World",
     "WALKER": "WalkProgram",
     "SENSING": "SenseProgram",
-    "LOCALISER": "LocalisationProgram",
     "LINES": "LineProgram",
     "BORDERS": "ClassBorders",
     "SENSOR": "SensorParams",
@@ -63,7 +62,6 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
     programs = {
         "WALKER": parts.walker,
         "SENSING": parts.sensing,
-        "LOCALISER": parts.localiser,
         "LINES": parts.lines,
         "BORDERS": parts.borders,
     }

@@ -19,8 +19,6 @@ WALKER: Final[Any] = None
 """``robot.walk.WalkProgram``."""
 SENSING: Final[Any] = None
 """``robot.sensing.SenseProgram``."""
-LOCALISER: Final[Any] = None
-"""``robot.pose_mixture.LocalisationProgram``."""
 LINES: Final[Any] = None
 """``robot.line_sensing.LineProgram``."""
 BORDERS: Final[Any] = None
@@ -38,21 +36,15 @@ JOBS: Final = 8
 
 
 class Job(NamedTuple):
-    """What localisation or the strategy is to be told."""
+    """What the strategy is to be told."""
 
     kind: int
-    """``robot_program.MOVE``, STAND, LISTEN or SAMPLE."""
+    """``robot_program.LISTEN`` or SAMPLE."""
     tick: int
     """The tick at which it happened."""
     number: int
-    """MOVE: the kind of the move; LISTEN: number of messages to hear; SAMPLE: the observation, or that it is to be
-    computed (``robot_program.UNREAD``)."""
-    duration_s: float
-    """MOVE: how long it took; the fields below, too, are those of ``robot_program.moved``."""
-    turned_rad: float
-    ray_m: float
-    after_drive: bool
-    at_obstacle: bool
+    """LISTEN: number of messages to hear; SAMPLE: the observation, or that it is to be computed
+    (``robot_program.UNREAD``)."""
 
 
 class Numbers:
@@ -90,8 +82,6 @@ class Robot:
     """Number of jobs that wait, that under way included."""
     work_tick: int
     """Tick of the job under way, or of the last."""
-    decides: bool
-    """Whether the strategy is deciding where the robot goes next."""
     stands: bool
     """Whether the robot stands until the next tick because it is busy."""
     missed: int
@@ -150,15 +140,3 @@ class Robot:
     """Time of the last sample, s; 0 before the first."""
     sees_from_ms: float
     """Driving time in the present leg from which on the rays are used again."""
-    place: Any
-    """Memory of localisation (``robot.pose_mixture.Mixture``)."""
-    estimate: Any
-    """Estimate of the place of the last stop, in the order of ``robot.pose_mixture.ESTIMATE``."""
-    move_start_s: float
-    """Start of the present move, s."""
-    move_turned_deg: float
-    """Angle turned in the present move so far, by the gyro."""
-    move_ray_m: float
-    """Shortest ray when the present move began as an avoidance; nan if it did not."""
-    move_after_drive: bool
-    """Whether the move before was a drive of two ticks or more."""

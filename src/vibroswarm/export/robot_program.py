@@ -7,11 +7,10 @@ turned, by the gyro, and the shortest ray; ``accelerate`` with readings of the a
 observation; and ``receive`` with messages. Random numbers have the same addresses as in the simulation, so a robot that
 measures and hears the same does the same, bit by bit, where the log-gamma of its C library is that of the simulation.
 
-**Control never waits for thought.** Localisation and the strategy may need many control periods. So ``step`` only
-walks, and notes in a queue of jobs what localisation and strategy are to be told; ``work`` does the oldest job. In C
-the loops of ``work``, and of all that it calls, call ``vs_poll``, in which the surrounding program steps when a period
-is due. The two share no memory but the queue and the inbox, and a job has its tick: so the results do not depend on how
-many periods a job takes. Only a robot that its strategy steers waits for the job of a sample, where it stands anyway.
+**Control never waits for thought.** The strategy may need many control periods. So ``step`` only walks, and notes in a
+queue of jobs what the strategy is to be told; ``work`` does the oldest job. In C the loops of ``work``, and of all that
+it calls, call ``vs_poll``, in which the surrounding program steps when a period is due. The two share no memory but the
+queue and the inbox, and a job has its tick: so the results do not depend on how many periods a job takes.
 
 Order in a tick: a robot that walks hears the messages received since it last walked, then its timer is called if it is
 due. A robot that stands hears nothing until it walks again. A stop ends with a sample. A message sent in a tick can be
@@ -23,24 +22,12 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from vibroswarm.core.rng import (
-    ALONE,
-    AVOIDANCE,
-    FIRST,
-    LOCALISATION,
-    OF_TOLD_HEADING,
-    OF_TOLD_X,
-    OF_TOLD_Y,
-    WALK,
-    normal,
-    uniform,
-)
+from vibroswarm.core.rng import ALONE, AVOIDANCE, FIRST, WALK, uniform
 from vibroswarm.export.robot_memory import (
     BORDERS,
     INBOX,
     JOBS,
     LINES,
-    LOCALISER,
     PARAMS,
     RMS_THRESHOLD,
     SENSING,
@@ -57,12 +44,10 @@ from vibroswarm.inference.agents import (
     begin_draws,
     message_draws,
     sample_draws,
-    steering_draws,
     timer_draws,
     world_of_robot,
 )
 from vibroswarm.inference.default_hooks import (
-    HAS_STEER,
     HAS_TIMER,
     begin,
     belief,
@@ -71,66 +56,46 @@ from vibroswarm.inference.default_hooks import (
     on_message,
     on_sample,
     on_timer,
-    steer,
 )
-from vibroswarm.robot import localisation, pose_mixture
 from vibroswarm.robot.features import spectrum_peak
 from vibroswarm.robot.line_sensing import kind_of_line
 from vibroswarm.robot.sensing import begin_sense, class_read, high_passed, observation, readings, sense_step
 from vibroswarm.robot.sensing import energy as energy_of
 from vibroswarm.robot.walk import (
-    AVOID,
     DRIVE,
     STOP,
     Dice,
     begin_walk,
     looks,
-    steered,
     walk_step,
     wheel_commands_percent,
 )
 from vibroswarm.strategies.world import Reading
 
-HAS_PLACES: Final = False
-"""Whether the robot estimates where it is."""
 READS_CLASSES: Final = False
 """Whether the robot's readings are classes that it remembers, and not whether an energy is above a threshold."""
 HAS_LINES: Final = False
 """Whether it finds them by the largest line of its vibration."""
 UNREAD: Final = -1
 """Reading of a sample whose class ``work`` is to find."""
-MOVE: Final = 0
-"""Job: a move has ended; localisation is told."""
-STAND: Final = 1
-"""Job: a stop for a sample has begun; localisation states the robot's place."""
-LISTEN: Final = 2
+LISTEN: Final = 0
 """Job: the robot walks, so it hears its messages, and its timer may be due."""
-SAMPLE: Final = 3
+SAMPLE: Final = 1
 """Job: a sample was taken; the strategy is told."""
-JOBS_OF_STEP: Final = 2
-"""Greatest number of jobs that a step adds."""
+JOBS_OF_STEP: Final = 1
+"""Greatest number of jobs that a step, or the sample after it, adds."""
 UNKNOWN_M: Final = math.nan
-"""Place of a robot that does not estimate it; its strategy does not read it."""
-
-begin_places, add_drive, add_turn, add_obstacle, add_sample = (
-    pose_mixture.begin,
-    localisation.drive,
-    localisation.turn,
-    localisation.obstacle,
-    localisation.sampled,
-)
+"""Place of the robot, which its strategy does not read."""
 
 PROMPT: Final = (
     "looks_now", "step", "left_percent", "right_percent", "accelerate", "observed", "sample", "receive", "missed",
     "time_s", "energy", "class_of", "class_of_numbers",
 )  # fmt: skip
 """Functions that the surrounding program calls in each control period, also while ``work`` is under way."""
-PATIENT: Final = ("start", "told_pose", "work")
+PATIENT: Final = ("start", "work")
 """Functions that may take many control periods, and poll meanwhile."""
-PARTS: Final = ("moved", "stopped", "hear", "take_sample", "timer", "told_simulated")
-"""Parts of ``work`` and ``start``, which only tests call from outside."""
-OF_PLACES: Final = ("told_pose", "moved", "stopped", "told_simulated")
-"""Those of all these that only robots have that estimate their places."""
+PARTS: Final = ("hear", "take_sample", "timer")
+"""Parts of ``work``, which only tests call from outside."""
 OF_VALUES: Final = ("class_of",)
 """Those that only robots have that measure values with a sensor of their own, and read them as classes."""
 OF_NUMBERS: Final = ("class_of_numbers",)
@@ -151,39 +116,7 @@ def start(r: Robot, seed: int, run: int, number: int) -> None:
     roll(r)
     r.sense = begin_sense()
     r.decision, r.belief, r.decided_s = -1, math.nan, math.nan
-    if HAS_PLACES:
-        r.move_ray_m = math.nan
     begin(r.state, r.arrays, begin_draws(seed, run, number), PARAMS, r.world)
-
-
-def told_pose(r: Robot, x_m: float, y_m: float, heading_rad: float) -> None:
-    """Tell the robot where it starts: place, m, and heading, rad, anticlockwise from x.
-
-    It is called after ``start``, which sets the address of random numbers.
-    """
-    # State of localisation's own random numbers: a whole number from 1 to 2^32 - 1. min() is needed in single
-    # precision, where the product may be rounded up.
-    word = 1 + math.floor(uniform(r.seed, r.run, r.number, LOCALISATION, FIRST, ALONE) * 4294967295.0)
-    begin_places(r.place, LOCALISER, min(word, 4294967295), x_m, y_m, heading_rad)
-
-
-def told_error(r: Robot, peer: int, spread: float) -> float:
-    """Return a random error of x, y or heading at the start: normal, with standard deviation ``spread``.
-
-    The simulation draws the same error. ``peer`` selects the coordinate: ``OF_TOLD_X``, ``OF_TOLD_Y`` or
-    ``OF_TOLD_HEADING``.
-    """
-    return spread * normal(r.seed, r.run, r.number, LOCALISATION, FIRST, peer)
-
-
-def told_simulated(r: Robot, x_m: float, y_m: float, heading_rad: float) -> None:
-    """Tell the robot its true start (place, m, and heading, rad) plus the errors that the simulation draws for it."""
-    told_pose(
-        r,
-        x_m + told_error(r, OF_TOLD_X, LOCALISER.start_spread_m),
-        y_m + told_error(r, OF_TOLD_Y, LOCALISER.start_spread_m),
-        heading_rad + told_error(r, OF_TOLD_HEADING, LOCALISER.start_heading_spread_rad),
-    )
 
 
 def roll(r: Robot) -> None:
@@ -216,12 +149,12 @@ def looks_now(r: Robot, gyro_deg: float) -> bool:
 def is_busy(r: Robot) -> bool:
     """Return whether the robot must stand.
 
-    It must if its strategy decides where it goes next, if the queue may get full, and in a stop, until its sample, as
-    long as the signal of the stop before waits for its spectrum.
+    It must if the queue may get full, and in a stop, until its sample, as long as the signal of the stop before waits
+    for its spectrum.
     """
     if HAS_LINES and r.wave.waits and r.walk.mode == STOP and not r.walk.sampled:
         return True
-    return r.decides or r.jobs > JOBS - JOBS_OF_STEP
+    return r.jobs > JOBS - JOBS_OF_STEP
 
 
 def is_blind(r: Robot) -> bool:
@@ -250,8 +183,6 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
     if r.stands:
         missed(r, 1)
         r.missed_deg += gyro_deg
-        if HAS_PLACES:
-            r.move_start_s += r.world.tick_s
         return False
     r.tick += 1
     turned_deg = gyro_deg + r.missed_deg
@@ -269,23 +200,11 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
         # A turn or avoidance has ended; driven_ms counts the present tick already, so one tick is subtracted.
         if was != DRIVE and r.walk.mode == DRIVE:
             r.sees_from_ms = r.walk.driven_ms - WALKER.tick_ms + SENSING_BLIND_MS
-    if HAS_PLACES:
-        r.move_turned_deg += turned_deg
-        # A move ends when the mode changes, or when one avoidance follows another.
-        begins_avoidance = r.walk.avoidances != before.avoidances
-        if r.walk.mode != before.mode or begins_avoidance:
-            end_move(r, before.mode)
-            # An avoidance that goes on after a sample has met no new obstacle: move_ray_m stays nan, as set by
-            # ``end_move``.
-            if begins_avoidance:
-                r.move_ray_m = seen_mm / 1000.0
     if r.walk.mode == STOP:
         if before.mode != STOP:
             r.sense = begin_sense()
             if READS_CLASSES:
                 r.reading = UNREAD
-            if HAS_PLACES:
-                add_job(r, STAND, 0)
         return r.walk.sampled
     new = r.waiting - r.called
     if HAS_TIMER or new > 0:
@@ -305,8 +224,7 @@ def missed(r: Robot, ticks: int) -> None:
 
 def add_job(r: Robot, kind: int, number: int) -> None:
     """Add a job of this tick to the queue; ``number`` is the number of messages to hear, or the observation."""
-    of_no_move = Job(kind, r.tick, number, 0.0, 0.0, UNKNOWN_M, False, False)
-    r.queue[(r.first_job + r.jobs) % JOBS] = of_no_move
+    r.queue[(r.first_job + r.jobs) % JOBS] = Job(kind, r.tick, number)
     r.jobs += 1
 
 
@@ -320,11 +238,7 @@ def work(r: Robot) -> bool:
         return False
     job = r.queue[r.first_job]
     r.work_tick = job.tick
-    if HAS_PLACES and job.kind == MOVE:
-        moved(r, job.number, job.duration_s, job.turned_rad, job.ray_m, job.after_drive, job.at_obstacle)
-    elif HAS_PLACES and job.kind == STAND:
-        stopped(r)
-    elif job.kind == LISTEN:
+    if job.kind == LISTEN:
         read_inbox(r, job.number)
         # The time of the timer in ticks, with a margin for rounding.
         if HAS_TIMER and next_s(r.state) * 1000.0 / r.world.tick_ms - 1e-9 <= job.tick:
@@ -416,7 +330,6 @@ def sample(r: Robot, reading: int) -> None:
     if HAS_LINES and reading == UNREAD:
         r.wave.taken = min(r.sense.taken // LINES.every, r.wave.signal.size)
         r.wave.waits = observation(r.sense, RMS_THRESHOLD) == 1
-    r.decides = HAS_STEER
     add_job(r, SAMPLE, reading)
 
 
@@ -427,20 +340,11 @@ def take_sample(r: Robot, reading: int) -> None:
     if READS_CLASSES:
         r.reading = reading
     t_s, k = time_of_tick(r, r.work_tick), r.samples
-    # ``estimate`` holds the fields of a ``Reading`` from x_m on, in order: pose and spread of the robot; then number,
-    # place and spreads of the lagged sample, the one taken ``localisation.lag`` samples ago.
-    if HAS_PLACES:
-        x = Reading(
-            reading, t_s, k, r.estimate[0], r.estimate[1], r.estimate[2], r.estimate[3], int(r.estimate[4]),
-            r.estimate[5], r.estimate[6], r.estimate[7], r.estimate[8],
-        )  # fmt: skip
-        process(r, x, k)
-    else:
-        unknown = Reading(
-            reading, t_s, k, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M, k, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M,
-            UNKNOWN_M,
-        )  # fmt: skip
-        process(r, unknown, k)
+    unknown = Reading(
+        reading, t_s, k, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M, k, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M,
+        UNKNOWN_M,
+    )  # fmt: skip
+    process(r, unknown, k)
     r.samples += 1
     r.sampled_s = t_s
 
@@ -456,19 +360,13 @@ def kind_below(r: Robot) -> int:
 
 
 def process(r: Robot, x: Reading, k: int) -> None:
-    """Call the strategy's ``on_sample``, and ``steer`` if it has one, with reading ``x`` of sample ``k``."""
+    """Call the strategy's ``on_sample`` with reading ``x`` of sample ``k``."""
     r.out = Message()
     # -1.0: the first random number of the call is not known in advance.
     r.sends = on_sample(
         r.state, r.arrays, x, r.out, sample_draws(r.seed, r.run, r.number, k, -1.0), PARAMS, r.world
     )
     after_event(r)
-    if HAS_STEER:
-        turn_deg, drive_ms = steer(
-            r.state, r.arrays, x, steering_draws(r.seed, r.run, r.number, k), PARAMS, r.world
-        )
-        r.walk = steered(r.walk, turn_deg, drive_ms)
-    r.decides = False
 
 
 def timer(r: Robot) -> None:
@@ -540,58 +438,6 @@ def hear(r: Robot, sender: int, number: int, message: Message) -> None:
         r.world,
     )
     r.heard += 1
-
-
-def end_move(r: Robot, kind: int) -> None:
-    """End the move of a kind (DRIVE, TURN, AVOID or STOP) that was under way, and begin the next."""
-    duration_s = time_s(r) - r.move_start_s
-    # The last field says whether an avoidance follows.
-    job = Job(
-        MOVE,
-        r.tick,
-        kind,
-        duration_s,
-        math.radians(r.move_turned_deg),
-        r.move_ray_m,
-        r.move_after_drive,
-        r.walk.mode == AVOID,
-    )
-    r.queue[(r.first_job + r.jobs) % JOBS] = job
-    r.jobs += 1
-    # Only a drive of two ticks or more counts, as in ``localisation.locate``: a drive of one tick before an avoidance
-    # means that the robot had turned in place. 1.5 allows for rounding of the times.
-    r.move_after_drive = kind == DRIVE and duration_s > 1.5 * r.world.tick_s
-    r.move_start_s, r.move_turned_deg = time_s(r), 0.0
-    r.move_ray_m = math.nan
-
-
-def moved(
-    r: Robot,
-    kind: int,
-    duration_s: float,
-    turned_rad: float,
-    ray_m: float,
-    after_drive: bool,
-    at_obstacle: bool,
-) -> None:
-    """Tell localisation of a move that has ended.
-
-    Args:
-        kind: DRIVE, TURN, AVOID or STOP. turned_rad: angle turned in the move, by the gyro. ray_m: shortest ray when
-            the move began as an avoidance; nan if it did not. after_drive: whether the move before was a drive of two
-            ticks or more. at_obstacle: whether an avoidance follows.
-    """
-    if kind == DRIVE:
-        add_drive(r.place, LOCALISER, duration_s, turned_rad, r.sampled_s, at_obstacle)
-    elif kind != STOP:
-        if not math.isnan(ray_m):
-            add_obstacle(r.place, LOCALISER, ray_m, after_drive)
-        add_turn(r.place, LOCALISER, duration_s, turned_rad)
-
-
-def stopped(r: Robot) -> None:
-    """Tell localisation that a stop for a sample has begun; it writes ``r.estimate``."""
-    add_sample(r.place, LOCALISER, r.estimate)
 
 
 # ``hear_bit``, ``no_belief`` and ``timer_of_state`` take the place of hooks, and ``belief_of_posterior`` that of

@@ -1,7 +1,7 @@
 """What a robot must do in its test of itself at the start (``assets/vibroswarm_self_test.c``).
 
 The same short inspection, with invented readings, is done here by the plain program and there by the robot; then both
-must have the same counts, belief and place. It finds compilers, flags and copies of the program that are not what they
+must have the same counts and belief. It finds compilers, flags and copies of the program that are not what they
 seem to be. It stays away from boundaries at which the last bits would decide: float must pass it too.
 """
 
@@ -32,10 +32,8 @@ def self_test_macros(parts: RobotParts) -> dict[str, str]:
     robot = inspected(parts)
     walk = {name: getattr(robot.walk, name) for name in ("mode", "legs", "avoidances")}
     found = {"ticks": robot.tick, **walk, **{name: getattr(robot, name) for name in COUNTS}}
-    place = robot.estimate.tolist()[:2] if parts.mixture is not None else [math.nan, math.nan]
-    numbers = {"belief": robot.belief, "x_m": place[0], "y_m": place[1]}
-    texts = {name: "VS_NAN" if math.isnan(x) else c_number(float(x), name) for name, x in numbers.items()}
-    return {f"EXPECTED_{name.upper()}": str(value) for name, value in {**found, **texts}.items()}
+    found["belief"] = "VS_NAN" if math.isnan(robot.belief) else c_number(float(robot.belief), "belief")
+    return {f"EXPECTED_{name.upper()}": str(value) for name, value in found.items()}
 
 
 def inspected(parts: RobotParts) -> Any:
@@ -43,8 +41,6 @@ def inspected(parts: RobotParts) -> Any:
     program, world = plain_program(parts), parts.world
     robot = program.Robot()
     program.start(robot, 1, 0, 0)
-    if parts.mixture is not None:
-        program.told_pose(robot, 0.5 * world.width_m, 0.5 * world.height_m, 0.0)
     while robot.samples < SAMPLES and robot.tick < MOST_TICKS:
         turns = robot.walk.mode in (TURN, AVOID)
         gyro_deg = max(min(robot.walk.error_deg, 2.0), -2.0) if turns else 0.0

@@ -2,8 +2,8 @@
 
    Angles are anticlockwise positive. The period is that of the scenario; acceleration is read at VS_SENSING_RATE_HZ.
 
-   Wheels are set within each period, whatever localisation and strategy do: these work in between (vs_work), and call
-   vs_poll often. A period that your own functions miss is never made up for: the robot's clock goes on without it. */
+   Wheels are set within each period, whatever the strategy does: it works in between (vs_work), and calls vs_poll often.
+   A period that your own functions miss is never made up for: the robot's clock goes on without it. */
 #include <vibroswarm.h>
 #include <vibroswarm_parameters.h>
 
@@ -61,9 +61,6 @@ void setup()
         return; /* runs stays false: loop does nothing */
     }
     vs_start(&robot, SEED, 0, ROBOT_NUMBER);
-#if VS_LOCALISES
-    vs_told_pose(&robot, 0.0f, 0.0f, 0.0f); /* where it is placed: m, m, rad */
-#endif
     next_period_us = last_reading_us = micros();
     runs = true;
 }

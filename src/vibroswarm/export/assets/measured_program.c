@@ -11,9 +11,6 @@ int main(void)
 {
     vs_Message heard = {0};
     vs_start(&robot, (vs_int)input[0], 0, (vs_int)input[1]);
-#if VS_LOCALISES
-    vs_told_pose(&robot, input[2], input[3], input[4]);
-#endif
     for (;;) {
         vs_receive(&robot, (vs_int)input[0], (vs_int)input[1], &heard);
         output[0] = vs_looks_now(&robot, input[2]);

@@ -171,9 +171,6 @@ int main(void)
         bodies[i].y_m = VS_WORLD_HEIGHT_M * (0.2 + 0.6 * (i / 3 % 3) / 3.0);
         bodies[i].heading_rad = i;
         vs_start(&robots[i], 4, 0, i);
-#if VS_LOCALISES
-        vs_told_pose(&robots[i], (vs_real)bodies[i].x_m, (vs_real)bodies[i].y_m, (vs_real)bodies[i].heading_rad);
-#endif
     }
     longest_stretch = 0;
     for (int32_t tick = 1; tick * VS_WORLD_TICK_S < SECONDS; tick++) {

@@ -84,10 +84,10 @@ vs_int vs_log_line(const vs_Robot *r, char *line)
 {
     char *to = write_whole(line, r->number);
     to = write_number(to, r->sampled_s, 3);
-    to = write_number(to, VS_LOG_PLACE(0), 4);
-    to = write_number(to, VS_LOG_PLACE(1), 4);
+    *to++ = ','; /* x_m, y_m and, below, heading_rad: the robot does not know its place */
+    *to++ = ',';
     to = write_number(to, vs_energy(r), 6);
-    to = write_number(to, VS_LOG_PLACE(2), 4);
+    *to++ = ',';
     to = write_whole(to, vs_observed(r));
     to = write_number(to, r->sends ? VS_LOG_BIT : VS_NAN, 0);
     to = write_number(to, VS_LOG_ALPHA, 0);

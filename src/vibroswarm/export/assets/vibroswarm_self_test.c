@@ -37,9 +37,6 @@ bool vs_self_test(vs_Robot *r)
 {
     memset(r, 0, sizeof *r);
     vs_start(r, 1, 0, 0);
-#if VS_LOCALISES
-    vs_told_pose(r, VS_WORLD_WIDTH_M / 2, VS_WORLD_HEIGHT_M / 2, 0);
-#endif
     while (r->tick < EXPECTED_TICKS) {
         do_period(r);
         while (r->jobs > 0) {
@@ -53,8 +50,6 @@ bool vs_self_test(vs_Robot *r)
     const bool counted = r->samples == EXPECTED_SAMPLES && r->sent == EXPECTED_SENT && r->heard == EXPECTED_HEARD &&
                          r->timers == EXPECTED_TIMERS;
     const bool believes = r->decision == EXPECTED_DECISION && is_near(r->belief, EXPECTED_BELIEF, (vs_real)0.01);
-    const bool is_there = is_near(VS_LOG_PLACE(0), EXPECTED_X_M, (vs_real)0.01) &&
-                          is_near(VS_LOG_PLACE(1), EXPECTED_Y_M, (vs_real)0.01);
     memset(r, 0, sizeof *r);
-    return walked && counted && believes && is_there;
+    return walked && counted && believes;
 }
