@@ -11,10 +11,6 @@ import numpy as np
 import pytest
 
 from helpers.exported_robots import (
-    ACCELERATE,
-    SAMPLE,
-    START,
-    STEP,
     Swarm,
     built,
     built_for_arm,
@@ -30,13 +26,7 @@ from vibroswarm import preset, simulate
 from vibroswarm.export import c_library
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.plain_program import plain_program
-from vibroswarm.export.robot_program import UNREAD
-from vibroswarm.floors.place import Place
-from vibroswarm.robot.line_sensing import kind_of_line
-from vibroswarm.robot.walk import DRIVE, STOP
-from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import SensorModel, forget, register
-from vibroswarm.sensors.acceleration import accelerations, averaged_readings
 from vibroswarm.sensors.base import Samples
 
 SEED = 4
@@ -49,13 +39,6 @@ CLASSES = preset("paper").with_values(
         "run.stop": "t_end",
         "run.t_end_s": 300.0,
         "decision.min_observations": 30,
-    }
-)
-MOTORS = CLASSES.with_values(
-    {
-        "sensor.model": "acceleration",
-        "sensor.acceleration.motor_hz": [90.0, 140.0],
-        "sensor.rms_threshold": 1.0,
     }
 )
 STRATEGIES = ["averaging", "dirichlet", "dirichlet_positive", "dirichlet_soft"]
@@ -249,117 +232,3 @@ def test_c_reads_several_numbers_as_the_file_of_the_sensor_does(tmp_path: Path) 
     # A control: other parameters read other classes.
     other = p.model_copy(update={"width": 0.69})
     assert [nearest_class(row, other) for row in values.tolist()] != expected
-
-
-class Shaken:
-    """A robot of the plain program alone, whose accelerometer reads what robot 0 of a simulation did."""
-
-    def __init__(self, scenario: Scenario, samples: int) -> None:
-        inspection = simulate(scenario, SEED, [0])
-        observed = inspection.observations.filter(robot=0)
-        self.expected = observed["observation"].to_list()[:samples]
-        signals = recorded(scenario, inspection, samples)
-        self.module, self.events, self.did = (
-            plain_program(parts_of(scenario)),
-            [START, SEED, 0.0, 0.0],
-            list[float](),
-        )
-        robot = self.robot = self.module.Robot()
-        self.module.start(robot, SEED, 0, 0)
-        for signal in signals:
-            while robot.walk.mode != STOP or robot.walk.stopped_ms < 500:
-                self.step()
-            for reading in signal.T.tolist():
-                self.events += [ACCELERATE, *reading]
-                self.module.accelerate(robot, *reading)
-            while not self.step():
-                pass
-            self.sample()
-            self.step()  # which ends the stop
-
-    def step(self) -> bool:
-        turned_deg = 0.04 * self.module.right_percent(self.robot) if self.robot.walk.mode != DRIVE else 0.0
-        self.events += [STEP, turned_deg, 5000.0]
-        return bool(self.module.step(self.robot, turned_deg, 5000.0))
-
-    def sample(self) -> None:
-        robot, module = self.robot, self.module
-        assert module.observed(robot) == UNREAD
-        self.events += [SAMPLE, UNREAD]
-        module.sample(robot, UNREAD)
-        while robot.jobs:
-            module.work(robot)
-        assert module.observed(robot) == robot.out.kind
-        row = [
-            SAMPLE,
-            robot.work_tick,
-            robot.sends,
-            robot.decision,
-            robot.belief,
-            robot.heard,
-            robot.out.kind,
-        ]
-        self.did += map(float, row)
-
-    @property
-    def kinds(self) -> list[float]:
-        return self.did[6::7]
-
-
-def recorded(scenario: Scenario, inspection: Any, samples: int) -> np.ndarray[Any, Any]:
-    """The readings of robot 0 at its first samples, (samples, 3, readings)."""
-    motion = inspection.motion.filter(robot=0).head(samples)
-    floor = np.array(list(inspection.floors["tiles"][0]), dtype=np.uint8)
-    columns = [motion[name].to_numpy() for name in ("x_m", "y_m", "time_s")]
-    number = np.arange(motion.height)
-    place = Place(rows=5, columns=5, width_m=0.2, height_m=0.2, left_m=0.0, top_m=1.0)
-    return accelerations(
-        Samples(place, floor, *columns, np.zeros_like(number), number, SEED, 0), scenario.sensor.params
-    )
-
-
-AXES = {
-    "magnitude": {},
-    # The mean of two readings is one of the spectrum.
-    "x": {"sensor.acceleration.rate_hz": 1000.0},
-}
-
-
-@pytest.fixture(scope="module", params=AXES)
-def shaken(request: pytest.FixtureRequest) -> tuple[Scenario, Shaken]:
-    scenario = MOTORS.with_values({"sensor.acceleration.axis": request.param} | AXES[request.param])
-    assert averaged_readings(scenario.sensor.params) == (1 if request.param == "magnitude" else 2)
-    return scenario, Shaken(scenario, 18)
-
-
-def test_a_robot_reads_the_kinds_that_the_simulated_one_read(shaken: tuple[Scenario, Shaken]) -> None:
-    _, robot = shaken
-    assert robot.kinds == robot.expected
-    assert set(robot.kinds) == {0.0, 1.0, 2.0}
-
-
-@needs_gcc
-@pytest.mark.parametrize("polls", [0, 7])
-def test_c_reads_the_kinds_bit_by_bit_also_when_periods_pass_in_the_spectrum(
-    polls: int, shaken: tuple[Scenario, Shaken], tmp_path: Path
-) -> None:
-    scenario, robot = shaken
-    how: dict[str, Any] = {"precision": 3, "optimise": "-O0", "polls": polls}
-    program = built(scenario, tmp_path, **how, rows=2)
-    found = np.array(run_program(program, robot.events))
-    assert found.tobytes() == np.array(robot.did).tobytes()
-    if polls:  # the negative control: periods did pass
-        late = run_program(built(scenario, tmp_path, **how, rows=4), robot.events)
-        assert max(late) > 1
-
-
-@needs_arm
-def test_a_cortex_m0_reads_the_same_kinds(shaken: tuple[Scenario, Shaken], tmp_path: Path) -> None:
-    scenario, robot = shaken
-    found = run_on_arm(built_for_arm(scenario, tmp_path, rows=2), robot.events)
-    assert found[6::7] == robot.kinds
-
-
-def test_the_nearest_motor_is_the_first_of_several() -> None:
-    seen_hz = np.array([90.0, 140.0, 60.0])
-    assert [kind_of_line(hz, seen_hz) for hz in (0.0, 75.0, 91.0, 115.0, 116.0, 175.0)] == [3, 1, 1, 1, 2, 2]

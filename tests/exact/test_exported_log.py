@@ -71,7 +71,7 @@ def test_a_log_of_emulated_robots_is_imported_and_replayed_as_was_simulated(tmp_
     readings = [result.observations.filter(robot=i)["observation"].to_list() for i in range(5)]
     swarm = Swarm(SCENARIO, SEED, measured_at_each_tick(SCENARIO, SEED, 14_999), readings)
     swarm.run()
-    program = built_for_arm(SCENARIO, tmp_path / "robot", rows=8)
+    program = built_for_arm(SCENARIO, tmp_path / "robot", log=True)
     lines = b""
     for i, events in enumerate(swarm.whole):
         energies = result.observations.filter(robot=i)["energy"].cast(pl.Float64).to_list()

@@ -1,21 +1,12 @@
-"""Features of a signal against NumPy and SciPy, and their C against Python bit by bit."""
+"""Features of a signal against NumPy and SciPy."""
 
 from __future__ import annotations
-
-import ctypes
-import shutil
-import subprocess
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from helpers.exported_features import NUMBERS, features_in_c
-from helpers.exported_robots import STRICT
-from vibroswarm.export.c_library import ASSETS
 from vibroswarm.robot.features import (
     POINTS,
     Band,
@@ -130,54 +121,3 @@ def test_readings_fold_frequencies(hz: float, seen: float) -> None:
     i = np.arange(50)
     same = np.cos(2 * np.pi * seen * i / RATE_HZ)
     assert np.cos(2 * np.pi * hz * i / RATE_HZ) == pytest.approx(same, abs=1e-9)
-
-
-@pytest.fixture(scope="module", params=[3, 1], ids=["double", "single"])
-def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The features in C: a function from a signal to its numbers."""
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
-    folder: Path = tmp_path_factory.mktemp("features")
-    (folder / "f.c").write_text(features_in_c(request.param))
-    shutil.copy(ASSETS / "vibroswarm_runtime.h", folder)
-    shutil.copy(ASSETS / "vibroswarm_mathematics.h", folder)
-    command = ["gcc", *STRICT, "-Wno-unused-function", "-fPIC", "-shared", "f.c", "-o", "f.so", "-lm"]
-    subprocess.run(command, cwd=folder, check=True)
-    call = ctypes.CDLL(str(folder / "f.so")).call
-
-    def numbers(signal: Floats, hz: float) -> list[float]:
-        out = (ctypes.c_double * 7)()
-        values = (ctypes.c_double * signal.size)(*signal.tolist())
-        call(values, ctypes.c_int32(signal.size), ctypes.c_double(RATE_HZ), ctypes.c_double(hz), out)
-        return list(out)
-
-    return numbers, request.param == 3
-
-
-def by_python(signal: Floats, hz: float) -> list[float]:
-    state = moments_of(signal)
-    peak = spectrum_peak(signal, signal.size, RATE_HZ, np.empty(POINTS), np.empty(POINTS))
-    return [
-        signal_variance(state), kurtosis(state), crossings_hz(state, RATE_HZ), band_of(signal, hz), *peak,
-        state.largest,
-    ]  # fmt: skip
-
-
-SINGLE = {
-    "variance": 2e-6, "kurtosis": 3e-6, "crossings_hz": 1e-7, "band": 2e-4, "peak_hz": 3e-7, "peak_height": 2e-6,
-    "peak_magnitude": 1e-7,
-}  # fmt: skip
-"""Largest relative difference of each feature in single precision."""
-
-
-def test_c_is_as_python(exported: Any) -> None:
-    """In double precision bit by bit; in single precision as near as ``SINGLE`` says of each feature."""
-    numbers, is_double = exported
-    for seed in range(20):
-        signal = noisy(seed, count=175, hz=20.0 + 7.0 * seed)
-        found, right = numbers(signal, 60.0), by_python(signal, 60.0)
-        if is_double:
-            assert found == right
-        else:
-            for name, one, other in zip(NUMBERS, found, right, strict=True):
-                assert one == pytest.approx(other, rel=SINGLE[name], abs=0.0), (seed, name)

@@ -113,12 +113,10 @@ def write_sources(scenario: Scenario, folder: Path) -> list[str]:
     return [f"-DMESSAGE_FIELDS={fields}"]
 
 
-def built(
-    scenario: Scenario, folder: Path, *, precision: int, optimise: str = "-O1", polls: int = 0, rows: int = 3
-) -> Path:
-    """Compile the robot with gcc; return the program. ``polls`` and ``rows``: as of ``robot_harness.c``."""
-    defined = [*write_sources(scenario, folder), f"-DPOLLS={polls}", f"-DROWS={rows}"]
-    program = folder / f"precision-{precision}-{polls}-{rows}"
+def built(scenario: Scenario, folder: Path, *, precision: int, optimise: str = "-O1") -> Path:
+    """Compile the robot with gcc; return the program."""
+    defined = write_sources(scenario, folder)
+    program = folder / f"precision-{precision}"
     flags = [*STRICT, optimise, f"-DVS_PRECISION={precision}", *(["-fno-builtin"] if precision == 3 else [])]
     command = ["gcc", *flags, *defined, *SOURCES, "-o", str(program), "-lm"]
     subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
@@ -138,11 +136,11 @@ def run_program(program: Path, events: list[float]) -> list[float]:
     return np.frombuffer(done.stdout, dtype="<f8").tolist()
 
 
-def built_for_arm(scenario: Scenario, folder: Path, rows: int = 3) -> Path:
-    """Compile the robot for a Cortex-M0; return the program."""
-    defined = [*write_sources(scenario, folder), f"-DROWS={rows}"]
-    if rows & 8:
-        defined.append(LOG_SOURCE)
+def built_for_arm(scenario: Scenario, folder: Path, *, log: bool = False) -> Path:
+    """Compile the robot for a Cortex-M0; return the program, which writes events, or else the lines of the log."""
+    defined = write_sources(scenario, folder)
+    if log:
+        defined += ["-DLOG", LOG_SOURCE]
     command = [*ARM, *defined, *SOURCES, "-T", "microbit.ld", "-o", "m0.elf", "-lm"]
     subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
     return folder / "m0.elf"

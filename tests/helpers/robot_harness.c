@@ -3,16 +3,8 @@
    Input and output are numbers of 8 bytes: in, the kind of an event and then its arguments; out, rows of OUTPUTS.
    On a computer they are stdin and stdout; on a Cortex-M0 files of its debugger (semihosting).
 
-   POLLS: after so many polls the next event comes while a job is under way; 0: never. ROWS, a sum: 1 writes what the walk
-   did, 2 what the jobs did, 4 how many periods each was late, 8 the lines of the log. */
+   With LOG it writes the lines of the log instead. */
 #include "vibroswarm.h"
-
-#ifndef POLLS
-#define POLLS 0
-#endif
-#ifndef ROWS
-#define ROWS 3
-#endif
 
 #ifdef __arm__
 static int call_debugger(int operation, const void *arguments)
@@ -74,18 +66,13 @@ static vs_Robot robot;
 static double buffer[64];
 static int filled, taken;
 
-static bool has_next(void)
+static double next(void)
 {
     if (taken == filled) {
         filled = read_bytes(buffer, sizeof buffer) / (int)sizeof buffer[0];
         taken = 0;
     }
-    return filled > 0;
-}
-
-static double next(void)
-{
-    if (!has_next())
+    if (filled == 0)
         finish();
     return buffer[taken++];
 }
@@ -102,8 +89,7 @@ static void read_message(void)
 /* Kind, tick, sends, decision, belief, heard, and the message. */
 static void write_event(double kind)
 {
-    if (!(ROWS & 2))
-        return;
+#ifndef LOG
     const double head[] = {kind, (double)robot.work_tick, robot.sends, (double)robot.decision, robot.belief, (double)robot.heard};
     write_bytes(head, sizeof head);
     const double content[] = {
@@ -112,54 +98,40 @@ static void write_event(double kind)
 #undef F
     };
     write_bytes(content, sizeof content);
+#else
+    (void)kind;
+#endif
 }
 
 static void write_walk(void)
 {
-    if (!(ROWS & 1))
-        return;
+#ifndef LOG
     const double row[] = {(double)robot.tick, (double)robot.walk.mode, (double)robot.walk.legs,
                           (double)robot.walk.avoidances, robot.walk.leg_ms, robot.walk.error_deg};
     write_bytes(row, sizeof row);
+#endif
 }
 
-static bool is_working;
-
-/* All jobs, those that polls add while they are under way included. */
 static void do_jobs(void)
 {
-    if (is_working)
-        return;
-    is_working = true;
     while (robot.jobs > 0) {
         const vs_int timers = robot.timers, samples = robot.samples;
         vs_work(&robot);
-        const double late = robot.tick - robot.work_tick;
-        if (ROWS & 4)
-            write_bytes(&late, sizeof late);
         if (timers != robot.timers)
             write_event(5);
         if (samples != robot.samples)
             write_event(2);
-        if ((ROWS & 8) && samples != robot.samples) {
+#ifdef LOG
+        if (samples != robot.samples) {
             char line[VS_LOG_BYTES];
             const int length = vs_log_line(&robot, line);
             write_bytes(line, length);
         }
-    }
-    is_working = false;
-}
-
-static void do_event(void);
-
-void vs_poll(void)
-{
-    static int polls;
-    if (is_working && robot.jobs < 5 && ++polls == POLLS && has_next()) {
-        polls = 0;
-        do_event();
+#endif
     }
 }
+
+void vs_poll(void) {}
 
 static void do_event(void)
 {

@@ -18,15 +18,8 @@ from vibroswarm import preset
 from vibroswarm.cli import main
 from vibroswarm.export import c_library
 
-MOTORS: dict[str, Any] = {
-    "sensor.model": "acceleration",
-    "sensor.acceleration.motor_hz": [90.0, 140.0],
-}
-THREE_KINDS: dict[str, dict[str, Any]] = {
-    "own sensor": {"sensor.model": "confusion"},
-    "`dirichlet`, two motors": MOTORS,
-}
-"""Robots that read three kinds of tile, with ``dirichlet`` where no other strategy is named."""
+OWN_SENSOR = "own sensor"
+"""Robots that read three kinds of tile with a sensor of their own."""
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +51,15 @@ def test_strategies_that_read_places_or_steer_are_refused(
 ) -> None:
     said = refusal_of(capsys, "export", "c", tmp_path / "robot", "--strategy", strategy)
     assert f"'{strategy}' reads places or steers, so it cannot be exported" in said
+
+
+def test_sensors_that_find_motors_in_spectra_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    motors = ["sensor.model=acceleration", "sensor.acceleration.motor_hz=[90.0, 140.0]", "task.name=majority"]
+    asked = ["strategy.name=dirichlet", "floor.source=random:0.28,0.48,0.24", *motors]
+    said = refusal_of(capsys, "export", "c", tmp_path / "robot", *[f"--set={one}" for one in asked])
+    assert "'acceleration' finds several motors in spectra, so it cannot be exported" in said
 
 
 def check(folder: Path, *options: str) -> int:
@@ -175,7 +177,7 @@ int main(void) { return vs_self_test(&robot) ? 0 : 3; }
 
 
 @needs_gcc
-@pytest.mark.parametrize("strategy", ["own sensor"] if HAS_ARM else [*EXPORTED, *THREE_KINDS])
+@pytest.mark.parametrize("strategy", [OWN_SENSOR] if HAS_ARM else [*EXPORTED, OWN_SENSOR])
 def test_robots_test_themselves(strategy: str, tmp_path: Path) -> None:
     """The others do on the emulated processor, below; ``soft`` does in its sketch, above."""
     sources = written(scenario_for(strategy), tmp_path)
@@ -185,13 +187,14 @@ def test_robots_test_themselves(strategy: str, tmp_path: Path) -> None:
 
 
 def scenario_for(name: str) -> Any:
-    if name in THREE_KINDS:
-        floor = {
+    if name == OWN_SENSOR:
+        three_kinds = {
             "floor.source": "random:0.28,0.48,0.24",
             "task.name": "majority",
             "strategy.name": "dirichlet",
+            "sensor.model": "confusion",
         }
-        return preset("paper").with_values(floor | THREE_KINDS[name])
+        return preset("paper").with_values(three_kinds)
     return preset("paper").with_values({"strategy.name": name})
 
 
@@ -225,7 +228,7 @@ def compiled(folder: Path, *flags: str, compiler: str = "gcc") -> subprocess.Com
 
 @needs_gcc
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", [*sorted(EXPORTED), *THREE_KINDS])
+@pytest.mark.parametrize("strategy", [*sorted(EXPORTED), OWN_SENSOR])
 def test_compilers_warn_of_nothing(tmp_path: Path, strategy: str) -> None:
     """Optimised once: what else is warned of then, a number without a value, does not depend on the precision.
 

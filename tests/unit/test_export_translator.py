@@ -58,7 +58,7 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not i
 
 
 def program() -> Program:
-    return Program({Pair: PAIR, Fields: FIELDS}, {}, {}, {}, "no template", {})
+    return Program({Pair: PAIR}, {}, {}, {}, "no template", {})
 
 
 def add_one(row: Any) -> float:
@@ -68,14 +68,6 @@ def add_one(row: Any) -> float:
 
 def read_mean(row: Any) -> float:
     return float(row.mean)
-
-
-class Fields:
-    count: int
-    mean: float
-
-
-FIELDS = struct_of_class("vs_Fields", Fields, mutable=True)
 
 
 def integers(a: int, b: int) -> tuple[int, int, int, int, int]:
@@ -296,9 +288,8 @@ def test_an_argument_that_changes_a_row_is_computed_though_it_is_not_used() -> N
 
 def test_constants_keep_their_precision_where_memory_is_shorter() -> None:
     """With ``VS_PRECISION`` 2 a robot's arrays are in float."""
-    for mutable, element in ((False, REAL), (True, "vs_stored")):
-        kind = struct_of_class("vs_Lines", Lines, mutable=mutable, like=Lines(np.zeros(2)))
-        assert kind.type_of("seen_hz") == CArray(element, (2,))
+    kind = struct_of_class("vs_Lines", Lines, like=Lines(np.zeros(2)))
+    assert kind.type_of("seen_hz") == CArray(REAL, (2,))
 
 
 def test_a_field_called_unused_is_a_field() -> None:

@@ -20,8 +20,7 @@ from vibroswarm.inference.agents import sizes_of, strategy_of_kinds, strategy_us
 from vibroswarm.motion.robot_params import setup_of
 from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.belief import belief_below as posterior_below
-from vibroswarm.robot.line_sensing import LineProgram, Wave, empty_wave
-from vibroswarm.robot.sensing import ClassBorders, SenseProgram, readings
+from vibroswarm.robot.sensing import ClassBorders, SenseProgram
 from vibroswarm.robot.walk import WalkProgram
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
@@ -71,10 +70,6 @@ class RobotParts:
     """Sizes that arrays may have, by name, such as robots and tiles."""
     rms_threshold: float
     """theta_E: a robot reads 1 if the energy is above this."""
-    lines: LineProgram | None
-    """Parameters of telling kinds of tile apart by the line of their motor; None if robots read bits of the energy."""
-    wave: Wave | None
-    """Memory for it, of the right size."""
     has_own_sensor: bool
     """Whether robots do not measure vibration: the program around them hands them each reading."""
     borders: ClassBorders | None
@@ -84,18 +79,13 @@ class RobotParts:
     blind_ms: float
     """How long the robot ignores its rays after a turn; 0: it never does."""
 
-    @property
-    def reads_classes(self) -> bool:
-        """Whether readings are classes, and not whether an energy is above the threshold."""
-        return self.lines is not None or self.has_own_sensor
-
 
 def parts_of(scenario: Scenario) -> RobotParts:
     """Return the parts of a scenario's robots.
 
     Raises:
-        InputError: there are more than ``MOST_ROBOTS`` robots, or the strategy, its options, or a sensor's reading of
-            its numbers, cannot be exported.
+        InputError: there are more than ``MOST_ROBOTS`` robots, or the strategy, its options, or how a sensor's numbers
+            are read, cannot be exported.
     """
     if scenario.swarm.robots > MOST_ROBOTS:
         raise InputError(
@@ -112,17 +102,18 @@ def parts_of(scenario: Scenario) -> RobotParts:
         raise InputError("robots with these options cannot be exported", field=f"strategy.{strategy.name}")
     sensor = sensors.sensor(scenario.sensor.model)
     measures = sensor.in_section or sensor.accelerometer is not None
-    sensing, setup = sense_program(scenario), setup_of(scenario)
-    lines = None if sensor.motors is None else sensor.motors(scenario.sensor.params)
-    wave = None if lines is None else empty_wave(readings(sensing), lines.every)
+    if measures and scenario.sensor.readings > 2:
+        raise InputError(
+            f"'{sensor.name}' finds several motors in spectra, so it cannot be exported", field="sensor.model"
+        )
+    setup = setup_of(scenario)
     classifier = None if measures else classifier_of(scenario.sensor)
     return RobotParts(
         scenario=scenario,
         strategy=strategy,
         hooks={
             **hooks_of(strategy),
-            "HAS_LINES": lines is not None,
-            "READS_CLASSES": lines is not None or not measures,
+            "READS_CLASSES": not measures,
             **({} if classifier is None else {"class_of_sensor": classifier.class_of}),
         },
         # A simulated robot reads beliefs from a table; an exported one computes them.
@@ -130,11 +121,9 @@ def parts_of(scenario: Scenario) -> RobotParts:
         params=params_of(scenario, strategy),
         world=world_of(scenario, counts=0),  # 0: the smallest table of beliefs, because it is not exported
         walker=WalkProgram(**{name: setup[name].item() for name in WalkProgram._fields}),
-        sensing=sensing,
+        sensing=sense_program(scenario),
         sizes=sizes_of(scenario),
         rms_threshold=float(scenario.sensor.rms_threshold),
-        lines=lines,
-        wave=wave,
         has_own_sensor=not measures,
         borders=None if measures else borders_of(scenario.sensor),
         classifier=classifier,

@@ -35,8 +35,6 @@ from vibroswarm.export.c_types import (
 )
 from vibroswarm.export.parameters import ROWS, macro_of
 from vibroswarm.export.source import plain
-from vibroswarm.robot.features import Peak
-from vibroswarm.robot.line_sensing import LineProgram, Wave
 from vibroswarm.robot.sensing import ClassBorders, SenseProgram, SenseState
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkProgram, WalkState
 from vibroswarm.strategies.base import arrays_of, fields_of
@@ -221,11 +219,6 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
         "Message": struct_of_row("vs_Message", fields_of(strategy.message)),
         "Arrays": struct_of_arrays("vs_Arrays", strategy.arrays, parts.sizes),
     }  # fmt: skip
-    if parts.wave is not None:
-        found["Peak"] = struct_of_class("vs_Peak", Peak)
-        found["LineProgram"] = struct_of_class("vs_LineProgram", LineProgram, like=parts.lines)
-        # mutable: a named tuple, but its arrays are changed in place.
-        found["Wave"] = struct_of_class("vs_Wave", Wave, mutable=True, like=parts.wave)
     if parts.borders is not None:
         found["ClassBorders"] = struct_of_class("vs_ClassBorders", ClassBorders, like=parts.borders)
     if parts.classifier is not None:
@@ -258,12 +251,8 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
         "walk": structs["WalkState"],
         "dice": structs["Dice"],
         "sense": structs["SenseState"],
-        "wave": structs.get("Wave"),
     }
-    omitted = (
-        *(("wave",) if parts.wave is None else ()),
-        *(() if parts.reads_classes else ("reading",)),
-    )
+    omitted = () if parts.has_own_sensor else ("reading",)
     numbers = {"int": INT, "float": REAL, "bool": BOOL}  # by the annotation, as text
     fields = tuple(
         (name, special.get(name) or numbers[hint])

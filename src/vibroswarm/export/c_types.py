@@ -148,14 +148,12 @@ EMPTY: Final = (("unused", INT),)
 """The fields of a struct whose class has none, because C has no empty structs; known by ``is``, not by the name."""
 
 
-def struct_of_class(
-    name: str, declared: type, *, mutable: bool = False, omitted: tuple[str, ...] = (), like: Any = None
-) -> Struct:
+def struct_of_class(name: str, declared: type, *, omitted: tuple[str, ...] = (), like: Any = None) -> Struct:
     """Return the struct of a class of annotated fields.
 
     Args:
-        name: in C. declared: the Python class. mutable: whether fields can be changed in place. omitted: fields to
-            leave out. like: an instance, from which arrays take their types and shapes; None if no field is an array.
+        name: in C. declared: the Python class. omitted: fields to leave out. like: an instance, from which arrays take
+            their types and shapes; None if no field is an array.
     """
     fields: list[tuple[str, Any]] = []
     for field_name, hint in get_type_hints(declared).items():
@@ -167,10 +165,8 @@ def struct_of_class(
             value: np.ndarray[Any, Any] = getattr(like, field_name)
             element = STORAGE[value.dtype.name]
             # Arrays of constants keep full precision; only a robot's memory may be shorter.
-            fields.append(
-                (field_name, CArray(REAL if element == STORED and not mutable else element, value.shape))
-            )
-    return Struct(name, declared, tuple(fields) or EMPTY, mutable, omitted)
+            fields.append((field_name, CArray(REAL if element == STORED else element, value.shape)))
+    return Struct(name, declared, tuple(fields) or EMPTY, omitted=omitted)
 
 
 def struct_of_row(name: str, fields: Mapping[str, type], *, mutable: bool = True) -> Struct:

@@ -26,7 +26,6 @@ ROWS: Final = {
     "WORLD": "World",
     "WALKER": "WalkProgram",
     "SENSING": "SenseProgram",
-    "LINES": "LineProgram",
     "BORDERS": "ClassBorders",
     "SENSOR": "SensorParams",
 }
@@ -62,7 +61,6 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
     programs = {
         "WALKER": parts.walker,
         "SENSING": parts.sensing,
-        "LINES": parts.lines,
         "BORDERS": parts.borders,
     }
     rows |= {name: program._asdict() for name, program in programs.items() if program is not None}

@@ -52,7 +52,6 @@ def plain_program(parts: RobotParts, mathematics: Any = math) -> types.ModuleTyp
         "WORLD": parts.world,
         "WALKER": parts.walker,
         "SENSING": parts.sensing,
-        "LINES": parts.lines,
         "BORDERS": parts.borders,
         "SENSOR": None if parts.classifier is None else types.SimpleNamespace(**parts.classifier.params),
         "RMS_THRESHOLD": parts.rms_threshold,

@@ -19,8 +19,6 @@ WALKER: Final[Any] = None
 """``robot.walk.WalkProgram``."""
 SENSING: Final[Any] = None
 """``robot.sensing.SenseProgram``."""
-LINES: Final[Any] = None
-"""``robot.line_sensing.LineProgram``."""
 BORDERS: Final[Any] = None
 """``robot.sensing.ClassBorders``."""
 SENSOR: Final[Any] = None
@@ -43,8 +41,7 @@ class Job(NamedTuple):
     tick: int
     """The tick at which it happened."""
     number: int
-    """LISTEN: number of messages to hear; SAMPLE: the observation, or that it is to be computed
-    (``robot_program.UNREAD``)."""
+    """LISTEN: number of messages to hear; SAMPLE: the observation."""
 
 
 class Numbers:
@@ -96,8 +93,6 @@ class Robot:
     """Uniform numbers for the next leg, turn and avoidance."""
     sense: SenseState
     """What the accelerometer's program remembers from reading to reading."""
-    wave: Any
-    """The signal of the last sample, and its spectrum (``robot.line_sensing.Wave``)."""
     reading: int
     """Reading of the present stop, or until the next of the last; ``robot_program.UNREAD`` if it is not known yet."""
     state: Any

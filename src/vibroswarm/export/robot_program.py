@@ -27,7 +27,6 @@ from vibroswarm.export.robot_memory import (
     BORDERS,
     INBOX,
     JOBS,
-    LINES,
     PARAMS,
     RMS_THRESHOLD,
     SENSING,
@@ -57,9 +56,7 @@ from vibroswarm.inference.default_hooks import (
     on_sample,
     on_timer,
 )
-from vibroswarm.robot.features import spectrum_peak
-from vibroswarm.robot.line_sensing import kind_of_line
-from vibroswarm.robot.sensing import begin_sense, class_read, high_passed, observation, readings, sense_step
+from vibroswarm.robot.sensing import begin_sense, class_read, observation, readings, sense_step
 from vibroswarm.robot.sensing import energy as energy_of
 from vibroswarm.robot.walk import (
     DRIVE,
@@ -74,10 +71,8 @@ from vibroswarm.strategies.world import Reading
 
 READS_CLASSES: Final = False
 """Whether the robot's readings are classes that it remembers, and not whether an energy is above a threshold."""
-HAS_LINES: Final = False
-"""Whether it finds them by the largest line of its vibration."""
 UNREAD: Final = -1
-"""Reading of a sample whose class ``work`` is to find."""
+"""Reading of a stop before its sample."""
 LISTEN: Final = 0
 """Job: the robot walks, so it hears its messages, and its timer may be due."""
 SAMPLE: Final = 1
@@ -147,13 +142,7 @@ def looks_now(r: Robot, gyro_deg: float) -> bool:
 
 
 def is_busy(r: Robot) -> bool:
-    """Return whether the robot must stand.
-
-    It must if the queue may get full, and in a stop, until its sample, as long as the signal of the stop before waits
-    for its spectrum.
-    """
-    if HAS_LINES and r.wave.waits and r.walk.mode == STOP and not r.walk.sampled:
-        return True
+    """Return whether the robot must stand, because the queue may get full."""
     return r.jobs > JOBS - JOBS_OF_STEP
 
 
@@ -269,36 +258,15 @@ def accelerate(r: Robot, ax: float, ay: float, az: float) -> None:
     number that a sample takes.
     """
     stands = r.walk.mode == STOP and r.walk.stopped_ms >= SENSING.settle_ms
-    if HAS_LINES:  # which leaves a signal alone that waits for its spectrum
-        stands = stands and not r.wave.waits
     if stands and r.sense.taken < readings(SENSING):
         r.sense = sense_step(r.sense, SENSING, ax, ay, az)
-        if HAS_LINES:
-            keep_reading(r, ax, ay, az)
-
-
-def keep_reading(r: Robot, ax: float, ay: float, az: float) -> None:
-    """Keep the reading that ``r.sense`` has just taken, filtered, for the spectrum."""
-    taken = r.sense.taken
-    if LINES.axis == 0:
-        r.wave.filtered = r.sense.filtered
-    else:
-        value = ax if LINES.axis == 1 else ay if LINES.axis == 2 else az
-        before = r.wave.filtered if taken > 1 else 0.0
-        last = r.wave.last if taken > 1 else value
-        r.wave.filtered = high_passed(SENSING, before, value, last)
-        r.wave.last = value
-    kept = (taken - 1) // LINES.every
-    if kept < r.wave.signal.size:  # ``features.block_means``, as readings come
-        before = 0.0 if (taken - 1) % LINES.every == 0 else r.wave.signal[kept]
-        r.wave.signal[kept] = before + r.wave.filtered / LINES.every
 
 
 def observed(r: Robot) -> int:
     """Return the observation of this stop: 1 if the RMS of the filtered acceleration is above the threshold, else 0.
 
-    Before the first reading of the stop the RMS is 0. A robot that reads classes returns -1 (``UNREAD``), which asks
-    ``sample`` for the class, until ``work`` has found it.
+    Before the first reading of the stop the RMS is 0. A robot that reads classes returns -1 (``UNREAD``) until ``work``
+    has told the strategy the class.
     """
     if READS_CLASSES:
         return r.reading
@@ -327,16 +295,11 @@ def class_of_sensor(v: Any, p: Any) -> int:
 
 def sample(r: Robot, reading: int) -> None:
     """Take a sample, whose observation is ``reading``, 0 or 1, or a class: ``work`` tells the strategy."""
-    if HAS_LINES and reading == UNREAD:
-        r.wave.taken = min(r.sense.taken // LINES.every, r.wave.signal.size)
-        r.wave.waits = observation(r.sense, RMS_THRESHOLD) == 1
     add_job(r, SAMPLE, reading)
 
 
 def take_sample(r: Robot, reading: int) -> None:
     """Update the belief by an observation, and decide; if ``r.sends`` is then true, send ``r.out`` to all robots."""
-    if HAS_LINES and reading == UNREAD:
-        reading = kind_below(r)
     if READS_CLASSES:
         r.reading = reading
     t_s, k = time_of_tick(r, r.work_tick), r.samples
@@ -347,16 +310,6 @@ def take_sample(r: Robot, reading: int) -> None:
     process(r, unknown, k)
     r.samples += 1
     r.sampled_s = t_s
-
-
-def kind_below(r: Robot) -> int:
-    """Return the kind of tile by the signal of the last sample, whose memory is then free."""
-    if not r.wave.waits:  # the energy was not above the threshold
-        return 0
-    rate_hz = SENSING.rate_hz / LINES.every
-    peak = spectrum_peak(r.wave.signal, r.wave.taken, rate_hz, r.wave.real, r.wave.imaginary)
-    r.wave.waits = False
-    return kind_of_line(peak.hz, LINES.seen_hz)
 
 
 def process(r: Robot, x: Reading, k: int) -> None:

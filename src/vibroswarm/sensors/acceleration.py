@@ -50,7 +50,6 @@ from vibroswarm.robot.features import (
     signal_variance,
     spectrum_peak,
 )
-from vibroswarm.robot.line_sensing import LineProgram
 from vibroswarm.robot.sensing import (
     SenseProgram,
     begin_sense,
@@ -487,15 +486,9 @@ def sense(samples: Samples, p: Any) -> Values:
     return out
 
 
-def line_program(p: Any) -> LineProgram:
-    """Return the parameters by which robots tell several motors apart."""
-    seen_hz = np.array([alias_hz(motor_hz, p.rate_hz) for motor_hz in p.motor_hz])
-    return LineProgram(AXES.index(p.axis), seen_hz, averaged_readings(p))
-
-
-def motors(p: Any) -> LineProgram | None:
-    """Return how robots tell several motors apart; None if there is one."""
-    return line_program(p) if len(p.motor_hz) > 1 else None
+def _seen_hz(p: Any) -> Values:
+    """Return the frequencies of the motors, as the rate folds them."""
+    return np.array([alias_hz(motor_hz, p.rate_hz) for motor_hz in p.motor_hz])
 
 
 def averaged_readings(p: Any) -> int:
@@ -556,7 +549,7 @@ def reading(value: Values, p: Any) -> NDArray[np.int64]:
     above = value[:, 0] > p.rms_threshold
     if len(p.motor_hz) == 1:
         return np.asarray(above.astype(np.int64))
-    seen_hz = line_program(p).seen_hz
+    seen_hz = _seen_hz(p)
     peak_hz = value[:, numbers(p).index("peak_hz")]
     return np.asarray(np.where(above, 1 + np.abs(peak_hz[:, None] - seen_hz).argmin(axis=1), 0))
 
@@ -612,7 +605,7 @@ def confusions(p: Any) -> Values:
     if motors == 1:
         return np.ones((1, 1))
     middle_m = np.full(TRIED, 0.5 * STUDY_GRID.columns * STUDY_GRID.width_m)
-    seen_hz = line_program(p).seen_hz
+    seen_hz = _seen_hz(p)
     shares = np.zeros((motors, motors))
     for kind in range(1, motors + 1):
         tiles = np.full(STUDY_GRID.rows * STUDY_GRID.columns, kind, dtype=np.uint8)
@@ -726,7 +719,6 @@ acceleration = register(
         warnings=aliases,
         check=check,
         accelerometer=sensing,
-        motors=motors,
         for_more_kinds="give each kind from 1 on a motor, in sensor.acceleration.motor_hz",
         has_threshold=True,
         claims_truth=True,

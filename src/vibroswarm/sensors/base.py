@@ -66,7 +66,6 @@ from vibroswarm.strategies.base import Plugin
 from vibroswarm.strategies.static_analysis import is_shipped, refuse_chance
 
 if TYPE_CHECKING:
-    from vibroswarm.robot.line_sensing import LineProgram
     from vibroswarm.robot.sensing import SenseProgram
 
 MOST_KINDS: Final = 16
@@ -139,8 +138,7 @@ class SensorModel(Plugin):
         scales: whether values are strengths, which ``sensor.tile_spread`` and ``robot_spread`` may multiply. With two
             kinds of tile such a sensor also measures values of tiles and patches (``floors.patches``).
         accelerometer: optional, for a sensor that reads the robot's accelerometer: a function of the parameters that
-            returns its rate, filter and time of reading (``robot.sensing``). ``motors``: how it tells kinds apart by
-            the lines of their motors (``robot.line_sensing``), None if it does not; robots are so exported.
+            returns its rate, filter and time of reading (``robot.sensing``).
         for_more_kinds: how to give it more kinds of tile, for messages.
         claims_truth: whether ``likelihood`` states the law of ``measure``. The rates that robots claim are then those
             of ``measure`` to the last bit, and are not summed up from the likelihood.
@@ -159,7 +157,6 @@ class SensorModel(Plugin):
     in_section: bool = False
     scales: bool = False
     accelerometer: Callable[[Any], SenseProgram] | None = None
-    motors: Callable[[Any], LineProgram | None] | None = None
     for_more_kinds: str = 'give it a law, as with sensor.model = "confusion"'
     claims_truth: bool = False
     has_threshold: bool = False
