@@ -22,10 +22,10 @@ from helpers.exported_robots import (
     run_on_arm,
     run_program,
 )
+from helpers.plain_program import plain_program
 from vibroswarm import preset, simulate
 from vibroswarm.export import c_library
 from vibroswarm.export.assembly import parts_of
-from vibroswarm.export.plain_program import plain_program
 from vibroswarm.sensors import SensorModel, forget, register
 from vibroswarm.sensors.base import Samples
 

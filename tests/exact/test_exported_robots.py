@@ -27,10 +27,10 @@ from helpers.exported_robots import (
     run_on_arm,
     run_program,
 )
+from helpers.plain_program import plain_program
 from vibroswarm import preset, simulate
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_program import NEEDS_DOUBLE
-from vibroswarm.export.plain_program import plain_program
 from vibroswarm.robot.walk import AVOID, STOP, TURN
 
 SEED, TICKS = 4, 25_000

@@ -15,7 +15,8 @@ import pytest
 from scipy import signal
 
 from helpers.commands import output_of, refusal_of
-from helpers.exported_robots import ACCELERATE, OBSERVED, START, STEP, built, plain_program, run_program
+from helpers.exported_robots import ACCELERATE, OBSERVED, START, STEP, built, run_program
+from helpers.plain_program import plain_program
 from vibroswarm import preset
 from vibroswarm.cli import main
 from vibroswarm.export.assembly import parts_of

@@ -36,7 +36,7 @@ def test_a_library_is_written_once(library: Path, capsys: pytest.CaptureFixture[
     assert names_of == [
         "examples/inspection/inspection.ino", "library.properties", "platformio.ini", "src/vibroswarm.c",
         "src/vibroswarm.h", "src/vibroswarm_mathematics.h", "src/vibroswarm_parameters.h", "src/vibroswarm_radio.c",
-        "src/vibroswarm_runtime.h", "src/vibroswarm_self_test.c",
+        "src/vibroswarm_runtime.h",
     ]  # fmt: skip
     before = (library / "src" / "vibroswarm.c").read_text()
     assert f"DIR: '{library}' exists already" in refusal_of(
@@ -150,40 +150,22 @@ def test_packets_hold_messages_and_say_what_runs(precision: int, tmp_path: Path)
     assert (short, layout, program, unknown) == ("0", "0", "0", "0")
 
 
-QUICKLY = "-O0"
-"""Strict C gives the same numbers at every level, and robots that test themselves at -Os are timed below."""
-
-
-def run_with(sources: Path, around: Path, *flags: str) -> None:
-    """Compile a program around the library to ``a.out`` beside it."""
-    command = ["gcc", *STRICT, *flags, "-I", str(sources), *map(str, sources.glob("*.c")), str(around)]
-    subprocess.run([*command, "-o", str(around.parent / "a.out"), "-lm"], check=True)
-
-
 def printed_by(around: str, sources: Path, precision: int) -> str:
     """Compile a program around the library, run it, and return what it prints."""
     file = sources.parent / "around.c"
     file.write_text(around)
-    run_with(sources, file, QUICKLY, f"-DVS_PRECISION={precision}")
+    flags = [*STRICT, "-O0", f"-DVS_PRECISION={precision}", "-I", str(sources)]
+    command = [
+        "gcc",
+        *flags,
+        *map(str, sources.glob("*.c")),
+        str(file),
+        "-o",
+        str(file.with_name("a.out")),
+        "-lm",
+    ]
+    subprocess.run(command, check=True)
     return subprocess.run([file.with_name("a.out")], capture_output=True, text=True, check=True).stdout
-
-
-SELF_TEST = """
-#include "vibroswarm.h"
-void vs_poll(void) {}
-static vs_Robot robot;
-int main(void) { return vs_self_test(&robot) ? 0 : 3; }
-"""
-
-
-@needs_gcc
-@pytest.mark.parametrize("strategy", [OWN_SENSOR] if HAS_ARM else [*EXPORTED, OWN_SENSOR])
-def test_robots_test_themselves(strategy: str, tmp_path: Path) -> None:
-    """The others do on the emulated processor, below; ``soft`` does in its sketch, above."""
-    sources = written(scenario_for(strategy), tmp_path)
-    (tmp_path / "test.c").write_text(SELF_TEST)
-    run_with(sources, tmp_path / "test.c", QUICKLY)
-    assert subprocess.run([tmp_path / "a.out"], check=False).returncode == 0
 
 
 def scenario_for(name: str) -> Any:
@@ -198,21 +180,9 @@ def scenario_for(name: str) -> Any:
     return preset("paper").with_values({"strategy.name": name})
 
 
-TEXTS: dict[str, dict[str, str]] = {}
-"""Of the files of libraries, by the hash of their scenario."""
-
-
-def texts_of(scenario: Any, library_files: Any = c_library.library_files) -> dict[str, str]:
-    if scenario.hash not in TEXTS:
-        TEXTS[scenario.hash] = library_files(scenario)
-    return TEXTS[scenario.hash]
-
-
 def written(scenario: Any, folder: Path) -> Path:
     """Write a scenario's library; return the folder of its sources."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(c_library, "library_files", texts_of)
-        c_library.write_library(scenario, folder)
+    c_library.write_library(scenario, folder)
     return folder / "src"
 
 

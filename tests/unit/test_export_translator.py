@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from numba import njit
 
 from helpers.exported_robots import STRICT
+from helpers.plain_program import zero
 from vibroswarm import preset
 from vibroswarm.errors import InputError
 from vibroswarm.export import assembly
@@ -37,7 +38,6 @@ from vibroswarm.export.c_types import (
     typedef,
 )
 from vibroswarm.export.parameters import c_number
-from vibroswarm.export.plain_program import zero
 from vibroswarm.export.source import plain
 from vibroswarm.strategies import strategy as strategy_of
 

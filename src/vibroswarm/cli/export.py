@@ -29,7 +29,7 @@ def c(
       vibroswarm export c robot --strategy soft
     """
     from vibroswarm.export.c_library import MARKER
-    from vibroswarm.export.timing import export_library
+    from vibroswarm.export.exported import export_library
 
     # Refuse the folder before the work. --force replaces a folder only if it holds the file MARKER, as a library does.
     with named("DIR", of="--out"):

@@ -7,22 +7,21 @@ from dataclasses import asdict
 
 import polars as pl
 
-from vibroswarm.core.numbers import count, number, percent, stated
+from vibroswarm.core.numbers import count
 from vibroswarm.export.c_library import COMPILER, SIZE_TOOL, Memory
-from vibroswarm.export.timing import CLOCK_HZ, EMULATOR, Exported, Timing, ms, other_robot, unfit
+from vibroswarm.export.exported import Exported, other_robot, unfit
 from vibroswarm.show.document import Document, Table
 
 
 def export_document(found: Exported) -> Document:
-    """Return what was exported, how much memory and time a robot's program takes, and whether that fits the robots."""
-    scenario, memory, timing = found.scenario, found.memory, found.timing
+    """Return what was exported, how much memory a robot's program takes, and whether that fits the robots."""
+    memory = found.memory
     answer = [_memory_words(memory, has_compiler=found.has_compiler)]
     reasons = []
     if memory is not None:
-        answer.append(_timing_words(timing))
-        reasons = unfit(scenario, memory, timing)
+        reasons = unfit(memory)
         answer += [f"NOT FIT for the study's robots: {reason}." for reason in reasons]
-    if other := other_robot(scenario):
+    if other := other_robot(found.scenario):
         answer.insert(0, f"NOT FIT for {other[0]}: {other[1]}. What follows is of the study's robots.")
         reasons.append(other[1])
     return Document(
@@ -31,19 +30,8 @@ def export_document(found: Exported) -> Document:
         data={
             "files": pl.DataFrame({"file": list(found.files)}),
             "memory": pl.DataFrame([] if memory is None else [asdict(memory)]),
-            "timing": pl.DataFrame([] if timing is None else [asdict(timing)]),
             "unfit": pl.DataFrame({"reason": reasons}, schema={"reason": pl.String}),
         },
-    )
-
-
-def _timing_words(timing: Timing | None) -> str:
-    if timing is None:
-        return f"Time not measured: {EMULATOR} is not installed or fails (Debian: qemu-system-arm)."
-    return (
-        f"At {stated(CLOCK_HZ / 1e6)} MHz wheels are set at most {number(timing.late_ms, 1)} ms after a control period "
-        f"begins. Localisation and strategy work in between, {percent(timing.load)} of the time, and are at most "
-        f"{number(ms(timing.waits), 0)} ms late."
     )
 
 

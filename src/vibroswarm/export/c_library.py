@@ -19,7 +19,6 @@ from vibroswarm.errors import RunError
 from vibroswarm.export.assembly import RobotParts, parts_of
 from vibroswarm.export.c_program import c_sources
 from vibroswarm.export.parameters import HEADER_FILE, header_text
-from vibroswarm.export.self_test import self_test_macros
 from vibroswarm.scenario.scenario import Scenario
 
 ASSETS: Final = Path(__file__).parent / "assets"
@@ -66,7 +65,6 @@ def library_files(scenario: Scenario) -> dict[str, str]:
     return {
         "src/vibroswarm.h": sources.header,
         "src/vibroswarm.c": sources.program,
-        "src/vibroswarm_self_test.c": self_test_text(parts),
         **{f"src/{name}": (ASSETS / name).read_text(encoding="utf-8") for name in COMMON},
         f"src/{HEADER_FILE}": header_text(scenario, parts),
         "examples/inspection/inspection.ino": sketch_text(parts),
@@ -86,18 +84,6 @@ def write_library(scenario: Scenario, folder: Path) -> list[str]:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
     return list(files)
-
-
-def self_test_text(parts: RobotParts) -> str:
-    """Return the test of a robot by itself, with what it must have at the end."""
-    lines = [
-        "/* What a robot does in a short inspection. */",
-        *(f"#define {name} {value}" for name, value in self_test_macros(parts).items()),
-    ]
-    text = (ASSETS / "vibroswarm_self_test.c").read_text(encoding="utf-8")
-    if parts.has_own_sensor:
-        text = text.replace("vs_observed(r)", f"r->samples % {parts.scenario.sensor.readings}")
-    return "\n".join(lines) + "\n" + text
 
 
 def sketch_text(parts: RobotParts) -> str:
@@ -137,7 +123,7 @@ FLAGS: Final = (
 TRIED: Final = ("-Os", "-Os -fno-inline")
 """Flags to choose from: which gives less flash depends on the strategy."""
 SECONDS: Final = 120
-"""Longest time for a call of the compiler or the emulator, s."""
+"""Longest time for a call of the compiler, s."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +167,7 @@ def _measured(sources: Path, program: Path, flags: str) -> Memory | None:
     Raises:
         RunError: the compiler failed.
     """
-    compile_with(sources, "measured_program.c", flags.split(), program)
+    compile_library(sources, flags.split(), program)
     # The tool lists the sizes of code, of initialised data and of data that is zero at the start. Initialised data
     # takes flash, for the values, and RAM. Headings fill its first line, so the first line of numbers is the program's.
     numbers = re.findall(r"^\s*(\d+)\s+(\d+)\s+(\d+)", output_of([SIZE_TOOL, str(program)]), re.MULTILINE)
@@ -194,7 +180,7 @@ def _measured(sources: Path, program: Path, flags: str) -> Memory | None:
 def output_of(command: Sequence[str]) -> str:
     """Run a program, and return what it prints; empty if it is missing or fails.
 
-    The library is complete without a statement of its size or time.
+    The library is complete without a statement of its size.
     """
     try:
         done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=SECONDS)
@@ -203,13 +189,13 @@ def output_of(command: Sequence[str]) -> str:
     return done.stdout + done.stderr
 
 
-def compile_with(sources: Path, around: str, flags: Sequence[str], program: Path) -> None:
-    """Compile the library with a program around it, the file ``around`` of ``ASSETS``, to the file ``program``.
+def compile_library(sources: Path, flags: Sequence[str], program: Path) -> None:
+    """Compile the library with a small program around it to the file ``program``.
 
     Raises:
         RunError: the compiler failed.
     """
-    files = [*map(str, sorted(sources.glob("*.c"))), str(ASSETS / around)]
+    files = [*map(str, sorted(sources.glob("*.c"))), str(ASSETS / "measured_program.c")]
     command = [COMPILER, *FLAGS, *flags, "-I", str(sources), *files, "-o", str(program), "-lm"]
     try:
         subprocess.run(command, check=True, capture_output=True, text=True, timeout=SECONDS)

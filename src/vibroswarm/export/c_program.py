@@ -401,10 +401,6 @@ bool vs_unpack(const uint8_t *packet, vs_int length, vs_Message *message, vs_int
    'vibroswarm lab track --log' adds them from a video. */
 vs_int vs_log_line(const vs_Robot *r, char *line);
 
-/* Test the program on this board, before vs_start, in a robot's memory, which is all zero afterwards: a short
-   inspection with known outcome (vibroswarm_self_test.c). False: do not trust this robot. */
-bool vs_self_test(vs_Robot *r);
-
 #ifdef __cplusplus
 }}
 #endif
