@@ -115,7 +115,6 @@ def test_a_cortex_m0_makes_the_same_events(name: str, swarms: Any, tmp_path: Pat
 CALLER = """
 #include <stdio.h>
 #include "vibroswarm.h"
-void vs_poll(void) {}
 int main(void)
 {
     static vs_Robot robot;

@@ -192,6 +192,14 @@ class Swarm:
             self.module.start(robot, seed, 0, i)
             for events in (self.whole[i], self.short[i]):
                 events += [START, seed, 0, i]
+        hear = self.module.hear
+
+        def note_heard(robot: Any, sender: int, number: int, message: Any) -> None:
+            content = [float(getattr(message, field)) for field in self.fields]
+            self.short[robot.number] += [HEAR, robot.tick, sender, number, *content]
+            hear(robot, sender, number, message)
+
+        vars(self.module).update(hear=note_heard)
 
     def run(self) -> None:
         """Go through all control periods."""
@@ -213,12 +221,11 @@ class Swarm:
     def event(self, i: int, tick: int, samples: bool, stands: bool, has_timer: bool) -> list[Any]:
         """Do what robot ``i`` does at a tick, but for its walk; return what it sends."""
         robot = self.robots[i]
-        robot.tick, robot.work_tick, robot.sends = tick, tick, False
+        robot.tick, robot.sends = tick, False
         if samples:
             self.sample(i)
         elif not stands:
-            self.note_heard(i, robot.waiting)
-            self.module.read_inbox(robot, robot.waiting)
+            self.module.read_inbox(robot)
             due = has_timer and robot.state.next_s * 1000.0 / robot.world.tick_ms - 1e-9 <= tick
             if due:
                 self.module.timer(robot)
@@ -240,15 +247,12 @@ class Swarm:
         robot = self.robots[i]
         mode, legs, avoidances, timers = robot.walk.mode, robot.walk.legs, robot.walk.avoidances, robot.timers
         self.whole[i] += [STEP, gyro_deg, ray_mm]
-        robot.sends = False
         samples = self.module.step(robot, gyro_deg, ray_mm)
         walk = robot.walk
         if (mode, legs, avoidances) != (walk.mode, walk.legs, walk.avoidances):
             row = [robot.tick, walk.mode, walk.legs, walk.avoidances, walk.leg_ms, walk.error_deg]
             self.walked[i] += row
         self.standing[robot.tick - 1, i], self.sampling[robot.tick - 1, i] = walk.mode == STOP, samples
-        self.note_heard(i, robot.called)
-        self.do_jobs(robot)
         if robot.timers != timers:
             self.short[i] += [TIMER, robot.tick]
             self.note(i, TIMER)
@@ -256,28 +260,14 @@ class Swarm:
             self.sample(i)
         return [(i, robot.sent - 1, robot.out)] if robot.sends else []
 
-    def do_jobs(self, robot: Any) -> None:
-        """Let a robot do all that waits; what it sends stays."""
-        while robot.jobs:
-            self.module.work(robot)
-
     def sample(self, i: int) -> None:
         """Let robot ``i`` sample."""
         robot = self.robots[i]
         reading = self.readings[i][robot.samples]
         self.module.sample(robot, reading)
-        self.do_jobs(robot)
         self.whole[i] += [SAMPLE, reading]
         self.short[i] += [TICK, robot.tick, SAMPLE, reading]
         self.note(i, SAMPLE)
-
-    def note_heard(self, i: int, count: int) -> None:
-        """Note that robot ``i`` hears the first ``count`` messages of its inbox."""
-        robot = self.robots[i]
-        for place in range(robot.first_message, robot.first_message + count):
-            k = place % len(robot.inbox)
-            content = [float(getattr(robot.inbox[k], field)) for field in self.fields]
-            self.short[i] += [HEAR, robot.tick, robot.inbox_sender[k], robot.inbox_number[k], *content]
 
     def note(self, i: int, kind: int) -> None:
         """Note what the robot has just done."""

@@ -90,7 +90,7 @@ static void read_message(void)
 static void write_event(double kind)
 {
 #ifndef LOG
-    const double head[] = {kind, (double)robot.work_tick, robot.sends, (double)robot.decision, robot.belief, (double)robot.heard};
+    const double head[] = {kind, (double)robot.tick, robot.sends, (double)robot.decision, robot.belief, (double)robot.heard};
     write_bytes(head, sizeof head);
     const double content[] = {
 #define F(name) (double)robot.out.name,
@@ -112,32 +112,20 @@ static void write_walk(void)
 #endif
 }
 
-static void do_jobs(void)
+static void write_log(void)
 {
-    while (robot.jobs > 0) {
-        const vs_int timers = robot.timers, samples = robot.samples;
-        vs_work(&robot);
-        if (timers != robot.timers)
-            write_event(5);
-        if (samples != robot.samples)
-            write_event(2);
 #ifdef LOG
-        if (samples != robot.samples) {
-            char line[VS_LOG_BYTES];
-            const int length = vs_log_line(&robot, line);
-            write_bytes(line, length);
-        }
+    char line[VS_LOG_BYTES];
+    const int length = vs_log_line(&robot, line);
+    write_bytes(line, length);
 #endif
-    }
 }
-
-void vs_poll(void) {}
 
 static void do_event(void)
 {
     const int kind = (int)next();
     double v[3];
-    vs_int before;
+    vs_int before, timers;
     switch (kind) {
     case 0: /* start: seed, run, number */
         for (int k = 0; k < 3; k++)
@@ -148,14 +136,17 @@ static void do_event(void)
         v[0] = next();
         v[1] = next();
         before = robot.walk.mode + 10 * robot.walk.legs + 1000000 * robot.walk.avoidances;
+        timers = robot.timers;
         vs_step(&robot, v[0], v[1]);
         if (before != robot.walk.mode + 10 * robot.walk.legs + 1000000 * robot.walk.avoidances)
             write_walk();
-        do_jobs();
+        if (timers != robot.timers)
+            write_event(5);
         break;
     case 2: /* sample: reading */
         vs_sample(&robot, (vs_int)next());
-        do_jobs();
+        write_event(2);
+        write_log();
         break;
     case 3: /* message in the inbox: sender, number, content */
         v[0] = next();
@@ -164,14 +155,14 @@ static void do_event(void)
         vs_receive(&robot, (vs_int)v[0], (vs_int)v[1], &message);
         break;
     case 4: /* message heard at this tick: tick, sender, number, content */
-        robot.tick = robot.work_tick = (vs_int)next();
+        robot.tick = (vs_int)next();
         v[0] = next();
         v[1] = next();
         read_message();
         vs_hear(&robot, (vs_int)v[0], (vs_int)v[1], &message);
         break;
     case 5: /* timer: tick */
-        robot.tick = robot.work_tick = (vs_int)next();
+        robot.tick = (vs_int)next();
         vs_timer(&robot);
         write_event(5);
         break;

@@ -103,7 +103,6 @@ PACKETS = """
 #include <string.h>
 #include "vibroswarm.h"
 #include "vibroswarm_parameters.h"
-void vs_poll(void) {}
 int main(void)
 {
     vs_Message sent, heard;

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from vibroswarm.export.c_calls import BUILT_IN, Calls
+from vibroswarm.export.c_calls import Calls
 from vibroswarm.export.c_types import (
     BOOL,
     INT,
@@ -86,7 +86,6 @@ class Program:
         self.struct_of, self.row_names, self.globals = struct_of, row_names, globals
         self.replaced, self.template, self.instead, self.enums = replaced, template, instead, enums
         self.public = public
-        self.polls = False  # whether loops of the functions that are translated next poll
         # Functions in C by (Python function, types of its arguments). A function comes after the functions that it
         # calls; it is None while it is being translated.
         self.compiled: dict[Any, Compiled | None] = {}
@@ -237,18 +236,6 @@ class Function(Calls):
             self.statement(statement)
         self.depth -= 1
 
-    def block_of_loop(self, statements: list[ast.stmt]) -> None:
-        """Translate the body of a loop; it polls if it has a loop or a call in it, and so may take long."""
-        takes_long = any(
-            isinstance(node, ast.For | ast.While)
-            or (isinstance(node, ast.Call) and getattr(node.func, "id", "") not in BUILT_IN)
-            for statement in statements
-            for node in ast.walk(statement)
-        )
-        if self.program.polls and takes_long:
-            self.lines.append("    " * (self.depth + 1) + "vs_poll();")
-        self.block(statements)
-
     def do_pass(self, node: ast.Pass) -> None:
         """Do nothing."""
 
@@ -318,7 +305,7 @@ class Function(Calls):
         if self.pending:  # statements before the loop would be run only once
             self.refuse(node, "a row that a function returns, in the condition of a loop")
         self.write(f"while ({bare(test.text)}) {{")
-        self.block_of_loop(node.body)
+        self.block(node.body)
         self.write("}")
 
     def do_for(self, node: ast.For) -> None:
@@ -357,7 +344,7 @@ class Function(Calls):
             self.write(self.head_of_range(node, name))
         self.types.setdefault(node.target.id, INT)  # unless it is known from the translation before
         self.loops.append(node.target.id)
-        self.block_of_loop(node.body)
+        self.block(node.body)
         self.loops.pop()
         self.write("}")
 

@@ -53,7 +53,6 @@ NEEDS_DOUBLE: Final = {
 """Strategies for which float is not precise enough: the precision that is, and why."""
 ENUMS: Final = {
     "What a robot does: its member walk.mode.": {"DRIVE": DRIVE, "TURN": TURN, "AVOID": AVOID, "STOP": STOP},
-    "Kinds of jobs.": {name: getattr(robot_program, name) for name in ("LISTEN", "SAMPLE")},
 }
 """Constants of the program that have names in C, by what they are."""
 PACKET_VERSION: Final = 1
@@ -63,13 +62,6 @@ LOG_COLUMNS: Final = (
     "belief_below", "decision", "sent", "messages_received", "avoid_total_s", "stop_total_s",
 )  # fmt: skip
 """Columns of the log of an exported robot: those of the format ``camera`` of ``recordings``."""
-GROUPS: Final = {
-    "In each control period, also from vs_poll": robot_program.PROMPT,
-    "These may take many control periods, and call vs_poll meanwhile": robot_program.PATIENT,
-}
-"""Functions that can be called from outside, by the heading of their group."""
-TESTED: Final = {"Parts of vs_work": robot_program.PARTS}
-"""Those that tests call, too."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +88,7 @@ def c_sources(parts: RobotParts, *, for_tests: bool = False) -> CSources:
     globals["RMS_THRESHOLD"] = Value("VS_RMS_THRESHOLD", REAL)
     # A constant and not a macro, so that the code for blind robots is left out if it is 0.
     globals["SENSING_BLIND_MS"] = literal(parts.blind_ms)
-    groups = groups_of(parts, for_tests=for_tests)
-    names = [name for group in groups.values() for name in group]
+    names = api_of(parts, for_tests=for_tests)
     program = Program(
         struct_of={kind.source: kind for kind in structs.values() if kind.source is not None},
         row_names={"Message": structs["Message"]},
@@ -124,7 +115,7 @@ def c_sources(parts: RobotParts, *, for_tests: bool = False) -> CSources:
             made=made_by(parts),
             types="\n\n".join(types),
             # Prototypes; all other functions are static.
-            heads=documented(groups, {name: f"{item.head};" for name, item in api.items()}),
+            heads=documented({name: f"{item.head};" for name, item in api.items()}),
             inbox=robot_memory.INBOX,
             radio=radio_macros(structs),
             enums="\n".join(enum_of(about, names) for about, names in ENUMS.items()),
@@ -152,8 +143,6 @@ def _translated(
             type_of_argument(item, structs["Robot"], structs, parts.classifier)
             for item in inspect.signature(function).parameters.values()
         ]
-        # Functions that both kinds call are translated with the prompt ones, which come first, and do not poll.
-        program.polls = name not in robot_program.PROMPT
         api[name] = program.function(function, given)
     return api
 
@@ -213,7 +202,6 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
         "Dice": struct_of_class("vs_Dice", Dice),
         "SenseProgram": struct_of_class("vs_SenseProgram", SenseProgram),
         "SenseState": struct_of_class("vs_SenseState", SenseState),
-        "Job": struct_of_class("vs_Job", robot_memory.Job),
         "Params": struct_of_row("vs_Params", {k: type(v) for k, v in parts.params.items()}, mutable=False),
         "State": struct_of_row("vs_State", fields_of(strategy.state)),
         "Message": struct_of_row("vs_Message", fields_of(strategy.message)),
@@ -246,7 +234,6 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
         "inbox": CArray(structs["Message"], (inbox,)),
         "inbox_sender": CArray("int32_t", (inbox,)),
         "inbox_number": CArray("int32_t", (inbox,)),
-        "queue": CArray(structs["Job"], (robot_memory.JOBS,)),
         "world": structs["World"],
         "walk": structs["WalkState"],
         "dice": structs["Dice"],
@@ -329,29 +316,27 @@ def checks_of(parts: RobotParts) -> list[str]:
     ]
 
 
-def groups_of(parts: RobotParts, *, for_tests: bool) -> dict[str, list[str]]:
-    """Return the functions of a robot that can be called from outside, by the heading of their group."""
+def api_of(parts: RobotParts, *, for_tests: bool) -> list[str]:
+    """Return the functions of a robot that can be called from outside."""
     omitted = (
         *(robot_program.OF_VALUES if parts.borders is None else ()),
         *(robot_program.OF_NUMBERS if parts.classifier is None else ()),
     )
-    groups = GROUPS | (TESTED if for_tests else {})
-    return {heading: [name for name in names if name not in omitted] for heading, names in groups.items()}
+    names = (*robot_program.API, *(robot_program.PARTS if for_tests else ()))
+    return [name for name in names if name not in omitted]
 
 
-def documented(groups: Mapping[str, list[str]], heads: Mapping[str, str]) -> str:
-    """Return the prototypes of the API in its groups, each below the first paragraph of its docstring as a comment.
+def documented(heads: Mapping[str, str]) -> str:
+    """Return the prototypes of the API, each below the first paragraph of its docstring as a comment.
 
     Args:
-        groups: names of functions by the heading of their group. heads: prototypes by name.
+        heads: prototypes by name.
     """
     lines = []
-    for heading, names in groups.items():
-        lines.append(f"/* ---- {heading} ---- */")
-        for name in names:
-            text = inspect.getdoc(getattr(robot_program, name)) or ""
-            words = " ".join(line.strip() for line in text.split("\n\n")[0].splitlines())
-            lines.append(f"/* {words.replace('``', '')} */\n{heads[name]}")
+    for name, head in heads.items():
+        text = inspect.getdoc(getattr(robot_program, name)) or ""
+        words = " ".join(line.strip() for line in text.split("\n\n")[0].splitlines())
+        lines.append(f"/* {words.replace('``', '')} */\n{head}")
     return "\n\n".join(lines)
 
 
@@ -374,10 +359,6 @@ extern "C" {{
 
 {types}
 
-/* To be written by you: what is due now in this control period (see examples/inspection). Functions that take long,
-   vs_work above all, call it every few thousand instructions. */
-void vs_poll(void);
-
 /* Set all bytes of a robot to zero before vs_start. */
 
 {heads}
@@ -396,8 +377,8 @@ vs_int vs_pack(const vs_Message *message, vs_int sender, vs_int number, uint8_t 
    or its sender's number is not below VS_WORLD_ROBOTS. */
 bool vs_unpack(const uint8_t *packet, vs_int length, vs_Message *message, vs_int *sender, vs_int *number);
 
-/* Write the line of the log (CSV below VS_LOG_HEADER, with its end, then a null character) of the sample whose work was
-   done last; return its length, below VS_LOG_BYTES. 'vibroswarm lab import' reads it. x_m and y_m are empty:
+/* Write the line of the log (CSV below VS_LOG_HEADER, with its end, then a null character) of the last sample, right
+   after it; return its length, below VS_LOG_BYTES. 'vibroswarm lab import' reads it. x_m and y_m are empty:
    'vibroswarm lab track --log' adds them from a video. */
 vs_int vs_log_line(const vs_Robot *r, char *line);
 

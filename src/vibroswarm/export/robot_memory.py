@@ -5,7 +5,7 @@ These classes and values are placeholders: an exporter replaces them by those of
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from vibroswarm.robot.sensing import SenseState
 from vibroswarm.robot.walk import Dice, WalkState
@@ -29,19 +29,6 @@ SENSING_BLIND_MS: Final = 0.0
 """Driving time after a turn or avoidance for which the rays are ignored; 0: they never are."""
 INBOX: Final = 16
 """Greatest number of messages that are kept until they are heard."""
-JOBS: Final = 8
-"""Greatest number of jobs that wait."""
-
-
-class Job(NamedTuple):
-    """What the strategy is to be told."""
-
-    kind: int
-    """``robot_program.LISTEN`` or SAMPLE."""
-    tick: int
-    """The tick at which it happened."""
-    number: int
-    """LISTEN: number of messages to hear; SAMPLE: the observation."""
 
 
 class Numbers:
@@ -71,20 +58,8 @@ class Robot:
     """Number of the robot, from 0."""
     tick: int
     """Number of control periods since the start."""
-    queue: Any
-    """Jobs that wait, in a ring from ``first_job`` on."""
-    first_job: int
-    """Index of the oldest job."""
-    jobs: int
-    """Number of jobs that wait, that under way included."""
-    work_tick: int
-    """Tick of the job under way, or of the last."""
-    stands: bool
-    """Whether the robot stands until the next tick because it is busy."""
     missed: int
     """Number of ticks without a step."""
-    missed_deg: float
-    """Angle turned in the ticks that were missed just now."""
     world: World
     """What the robot knows about its task."""
     walk: WalkState
@@ -121,8 +96,6 @@ class Robot:
     """Index of the oldest message of the inbox."""
     waiting: int
     """Number of messages in the inbox."""
-    called: int
-    """Number of them, from the oldest on, that a job is to hear."""
     dropped: int
     """Number of messages lost because the inbox was full."""
     inbox: Any

@@ -2,15 +2,10 @@
 
 An exporter replaces the functions of ``default_hooks`` by a strategy's hooks, and the constants of ``robot_memory`` by
 those of a scenario. A robot ``r`` is a ``robot_memory.Robot``, which the functions change in place. The surrounding
-program calls the functions named in ``PROMPT`` and ``PATIENT``: ``step`` once per tick (control period) with the angle
-turned, by the gyro, and the shortest ray; ``accelerate`` with readings of the accelerometer, or ``sample`` with an
-observation; and ``receive`` with messages. Random numbers have the same addresses as in the simulation, so a robot that
-measures and hears the same does the same, bit by bit, where the log-gamma of its C library is that of the simulation.
-
-**Control never waits for thought.** The strategy may need many control periods. So ``step`` only walks, and notes in a
-queue of jobs what the strategy is to be told; ``work`` does the oldest job. In C the loops of ``work``, and of all that
-it calls, call ``vs_poll``, in which the surrounding program steps when a period is due. The two share no memory but the
-queue and the inbox, and a job has its tick: so the results do not depend on how many periods a job takes.
+program calls the functions named in ``API``: ``step`` once per tick (control period) with the angle turned, by the
+gyro, and the shortest ray; ``accelerate`` with readings of the accelerometer; ``sample`` with an observation; and
+``receive`` with messages. Random numbers have the same addresses as in the simulation, so a robot that measures and
+hears the same does the same, bit by bit, where the log-gamma of its C library is that of the simulation.
 
 Order in a tick: a robot that walks hears the messages received since it last walked, then its timer is called if it is
 due. A robot that stands hears nothing until it walks again. A stop ends with a sample. A message sent in a tick can be
@@ -26,7 +21,6 @@ from vibroswarm.core.rng import ALONE, AVOIDANCE, FIRST, WALK, uniform
 from vibroswarm.export.robot_memory import (
     BORDERS,
     INBOX,
-    JOBS,
     PARAMS,
     RMS_THRESHOLD,
     SENSING,
@@ -34,7 +28,6 @@ from vibroswarm.export.robot_memory import (
     SENSOR,
     WALKER,
     WORLD,
-    Job,
     Message,
     Numbers,
     Robot,
@@ -73,24 +66,16 @@ READS_CLASSES: Final = False
 """Whether the robot's readings are classes that it remembers, and not whether an energy is above a threshold."""
 UNREAD: Final = -1
 """Reading of a stop before its sample."""
-LISTEN: Final = 0
-"""Job: the robot walks, so it hears its messages, and its timer may be due."""
-SAMPLE: Final = 1
-"""Job: a sample was taken; the strategy is told."""
-JOBS_OF_STEP: Final = 1
-"""Greatest number of jobs that a step, or the sample after it, adds."""
 UNKNOWN_M: Final = math.nan
 """Place of the robot, which its strategy does not read."""
 
-PROMPT: Final = (
+API: Final = (
     "looks_now", "step", "left_percent", "right_percent", "accelerate", "observed", "sample", "receive", "missed",
-    "time_s", "energy", "class_of", "class_of_numbers",
+    "time_s", "energy", "class_of", "class_of_numbers", "start",
 )  # fmt: skip
-"""Functions that the surrounding program calls in each control period, also while ``work`` is under way."""
-PATIENT: Final = ("start", "work")
-"""Functions that may take many control periods, and poll meanwhile."""
-PARTS: Final = ("hear", "take_sample", "timer")
-"""Parts of ``work``, which only tests call from outside."""
+"""Functions that the surrounding program calls."""
+PARTS: Final = ("hear", "timer")
+"""Parts of ``step``, which only tests call from outside."""
 OF_VALUES: Final = ("class_of",)
 """Those that only robots have that measure values with a sensor of their own, and read them as classes."""
 OF_NUMBERS: Final = ("class_of_numbers",)
@@ -128,22 +113,12 @@ def roll(r: Robot) -> None:
 
 def time_s(r: Robot) -> float:
     """Return the time since the start, s."""
-    return time_of_tick(r, r.tick)
-
-
-def time_of_tick(r: Robot, tick: int) -> float:
-    """Return the time of a tick since the start, s."""
-    return tick * r.world.tick_ms / 1000.0
+    return r.tick * r.world.tick_ms / 1000.0
 
 
 def looks_now(r: Robot, gyro_deg: float) -> bool:
     """Return whether the next ``step``, called with the same ``gyro_deg``, needs the shortest ray."""
-    return not is_busy(r) and looks(r.walk, WALKER, gyro_deg + r.missed_deg)
-
-
-def is_busy(r: Robot) -> bool:
-    """Return whether the robot must stand, because the queue may get full."""
-    return r.jobs > JOBS - JOBS_OF_STEP
+    return looks(r.walk, WALKER, gyro_deg)
 
 
 def is_blind(r: Robot) -> bool:
@@ -159,8 +134,7 @@ def is_blind(r: Robot) -> bool:
 def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
     """Do one tick; return True to take the sample now, and then call ``sample`` before the next step.
 
-    A robot that is busy (``is_busy``) misses the tick: it stands, its clock goes on, and its walk goes on at the next
-    tick at which it is not.
+    If ``r.sends`` is then true, send ``r.out`` to all robots.
 
     Args:
         gyro_deg: angle turned since the last step, anticlockwise positive; not finite: no reading, counted as 0.
@@ -168,18 +142,12 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
     """
     if not abs(gyro_deg) < math.inf:  # false for NaN too, which would stay in the angle still to turn
         gyro_deg = 0.0
-    r.stands = is_busy(r)
-    if r.stands:
-        missed(r, 1)
-        r.missed_deg += gyro_deg
-        return False
+    r.sends = False
     r.tick += 1
-    turned_deg = gyro_deg + r.missed_deg
-    r.missed_deg = 0.0
     before = r.walk
     # A robot that ignores its rays sees no obstacle at any distance.
     seen_mm = math.inf if SENSING_BLIND_MS > 0.0 and is_blind(r) else nearest_mm
-    r.walk = walk_step(before, WALKER, turned_deg, seen_mm, r.dice)
+    r.walk = walk_step(before, WALKER, gyro_deg, seen_mm, r.dice)
     # A new leg or avoidance has used the numbers in r.dice, so new ones are drawn.
     if r.walk.legs != before.legs or r.walk.avoidances != before.avoidances:
         roll(r)
@@ -195,10 +163,10 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
             if READS_CLASSES:
                 r.reading = UNREAD
         return r.walk.sampled
-    new = r.waiting - r.called
-    if HAS_TIMER or new > 0:
-        add_job(r, LISTEN, new)
-        r.called = r.waiting
+    read_inbox(r)
+    # The time of the timer in ticks, with a margin for rounding.
+    if HAS_TIMER and next_s(r.state) * 1000.0 / r.world.tick_ms - 1e-9 <= r.tick:
+        timer(r)
     return False
 
 
@@ -211,44 +179,16 @@ def missed(r: Robot, ticks: int) -> None:
     r.missed += ticks
 
 
-def add_job(r: Robot, kind: int, number: int) -> None:
-    """Add a job of this tick to the queue; ``number`` is the number of messages to hear, or the observation."""
-    r.queue[(r.first_job + r.jobs) % JOBS] = Job(kind, r.tick, number)
-    r.jobs += 1
-
-
-def work(r: Robot) -> bool:
-    """Do the oldest job; return False if there is none. If ``r.sends`` is then true, send ``r.out`` to all robots.
-
-    Call it whenever nothing else is due.
-    """
-    r.sends = False
-    if r.jobs == 0:
-        return False
-    job = r.queue[r.first_job]
-    r.work_tick = job.tick
-    if job.kind == LISTEN:
-        read_inbox(r, job.number)
-        # The time of the timer in ticks, with a margin for rounding.
-        if HAS_TIMER and next_s(r.state) * 1000.0 / r.world.tick_ms - 1e-9 <= job.tick:
-            timer(r)
-    else:
-        take_sample(r, job.number)
-    r.first_job = (r.first_job + 1) % JOBS
-    r.jobs -= 1
-    return True
-
-
 def left_percent(r: Robot) -> float:
     """Return the command of the left wheel until the next step, % of full speed."""
     left, _ = wheel_commands_percent(r.walk, WALKER)
-    return 0.0 if r.stands else left
+    return left
 
 
 def right_percent(r: Robot) -> float:
     """Return the command of the right wheel until the next step, % of full speed."""
     _, right = wheel_commands_percent(r.walk, WALKER)
-    return 0.0 if r.stands else right
+    return right
 
 
 def accelerate(r: Robot, ax: float, ay: float, az: float) -> None:
@@ -265,8 +205,8 @@ def accelerate(r: Robot, ax: float, ay: float, az: float) -> None:
 def observed(r: Robot) -> int:
     """Return the observation of this stop: 1 if the RMS of the filtered acceleration is above the threshold, else 0.
 
-    Before the first reading of the stop the RMS is 0. A robot that reads classes returns -1 (``UNREAD``) until ``work``
-    has told the strategy the class.
+    Before the first reading of the stop the RMS is 0. A robot that reads classes returns -1 (``UNREAD``) until its
+    sample.
     """
     if READS_CLASSES:
         return r.reading
@@ -294,15 +234,13 @@ def class_of_sensor(v: Any, p: Any) -> int:
 
 
 def sample(r: Robot, reading: int) -> None:
-    """Take a sample, whose observation is ``reading``, 0 or 1, or a class: ``work`` tells the strategy."""
-    add_job(r, SAMPLE, reading)
+    """Take a sample, whose observation is ``reading``, 0 or 1, or a class: update the belief by it, and decide.
 
-
-def take_sample(r: Robot, reading: int) -> None:
-    """Update the belief by an observation, and decide; if ``r.sends`` is then true, send ``r.out`` to all robots."""
+    If ``r.sends`` is then true, send ``r.out`` to all robots.
+    """
     if READS_CLASSES:
         r.reading = reading
-    t_s, k = time_of_tick(r, r.work_tick), r.samples
+    t_s, k = time_s(r), r.samples
     unknown = Reading(
         reading, t_s, k, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M, k, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M,
         UNKNOWN_M,
@@ -328,7 +266,7 @@ def timer(r: Robot) -> None:
     r.sends = on_timer(
         r.state,
         r.arrays,
-        time_of_tick(r, r.work_tick),
+        time_s(r),
         r.out,
         timer_draws(r.seed, r.run, r.number, r.timers),
         PARAMS,
@@ -344,7 +282,7 @@ def after_event(r: Robot) -> None:
     found = decision(r.state, r.arrays, PARAMS, r.world)
     if found != r.decision:
         r.decision = found
-        r.decided_s = time_of_tick(r, r.work_tick)
+        r.decided_s = time_s(r)
     if r.sends:
         r.sent += 1
 
@@ -365,14 +303,13 @@ def receive(r: Robot, sender: int, number: int, message: Message) -> bool:
     return True
 
 
-def read_inbox(r: Robot, count: int) -> None:
-    """Hear the first ``count`` messages of the inbox, in the order in which they came, and remove them."""
-    for _ in range(count):
+def read_inbox(r: Robot) -> None:
+    """Hear the messages of the inbox, in the order in which they came, and remove them."""
+    for _ in range(r.waiting):
         k = r.first_message
         hear(r, r.inbox_sender[k], r.inbox_number[k], r.inbox[k])
         r.first_message = (k + 1) % INBOX
         r.waiting -= 1
-        r.called -= 1
 
 
 def hear(r: Robot, sender: int, number: int, message: Message) -> None:
@@ -385,7 +322,7 @@ def hear(r: Robot, sender: int, number: int, message: Message) -> None:
         r.arrays,
         message,
         sender,
-        time_of_tick(r, r.work_tick),
+        time_s(r),
         message_draws(r.seed, r.run, r.number, sender, number),
         PARAMS,
         r.world,

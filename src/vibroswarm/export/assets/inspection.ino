@@ -2,7 +2,6 @@
 
    Angles are anticlockwise positive. The period is that of the scenario; acceleration is read at VS_SENSING_RATE_HZ.
 
-   Wheels are set within each period, whatever the strategy does: it works in between (vs_work), and calls vs_poll often.
    A period that your own functions miss is never made up for: the robot's clock goes on without it. */
 #include <vibroswarm.h>
 #include <vibroswarm_parameters.h>
@@ -14,7 +13,6 @@ static const uint32_t PERIOD_US = 1000UL * VS_WORLD_TICK_MS;
 static const uint32_t READING_US = (uint32_t)(1e6 / VS_SENSING_RATE_HZ);
 
 static vs_Robot robot;
-static bool runs;
 static uint32_t next_period_us, last_reading_us;
 static float turned_deg;
 
@@ -55,7 +53,6 @@ void setup()
 {
     vs_start(&robot, SEED, 0, ROBOT_NUMBER);
     next_period_us = last_reading_us = micros();
-    runs = true;
 }
 
 static void read_sensors()
@@ -70,6 +67,13 @@ static void read_sensors()
     turned_deg += gyro_deg_s() * 1e-6f * (passed_us / READING_US * READING_US);
 }
 
+static void send_message()
+{
+    uint8_t packet[VS_PACKET_BYTES];
+    if (robot.sends)
+        radio_send(packet, vs_pack(&robot.out, ROBOT_NUMBER, robot.sent - 1, packet));
+}
+
 static void do_period()
 {
     const int32_t late_us = (int32_t)(micros() - next_period_us);
@@ -81,38 +85,24 @@ static void do_period()
     const bool samples = vs_step(&robot, turned_deg, vs_looks_now(&robot, turned_deg) ? shortest_ray_mm() : 1e6f);
     set_wheels(vs_left_percent(&robot), vs_right_percent(&robot));
     turned_deg = 0.0f;
-    if (samples)
+    send_message();
+    if (samples) {
+        char line[VS_LOG_BYTES];
         vs_sample(&robot, vs_observed(&robot));
+        send_message();
+        vs_log_line(&robot, line);
+        log_line(line);
+    }
 }
 
-/* What is due now. The robot's program calls this while it works. */
-void vs_poll()
+void loop()
 {
     vs_Message message;
     vs_int sender, number;
     uint8_t packet[VS_PACKET_BYTES];
-    if (!runs)
-        return;
     while (const int length = radio_receive(packet))
         if (vs_unpack(packet, length, &message, &sender, &number))
             vs_receive(&robot, sender, number, &message);
     read_sensors();
     do_period();
-}
-
-void loop()
-{
-    if (!runs)
-        return;
-    const vs_int samples = robot.samples;
-    vs_poll();
-    if (vs_work(&robot) && robot.sends) {
-        uint8_t packet[VS_PACKET_BYTES];
-        radio_send(packet, vs_pack(&robot.out, ROBOT_NUMBER, robot.sent - 1, packet));
-    }
-    if (robot.samples > samples) {
-        char line[VS_LOG_BYTES];
-        vs_log_line(&robot, line);
-        log_line(line);
-    }
 }

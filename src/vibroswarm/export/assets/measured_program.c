@@ -5,8 +5,6 @@ static vs_Robot robot;
 volatile vs_real input[8];
 volatile int32_t output[4];
 
-void vs_poll(void) {}
-
 int main(void)
 {
     vs_Message heard = {0};
@@ -19,7 +17,6 @@ int main(void)
         vs_accelerate(&robot, input[4], input[5], input[6]);
         output[1] = (int32_t)vs_left_percent(&robot);
         output[2] = (int32_t)vs_right_percent(&robot);
-        while (vs_work(&robot))
-            output[3] = robot.sends ? (int32_t)robot.decision : -2;
+        output[3] = robot.sends ? (int32_t)robot.decision : -2;
     }
 }
