@@ -1,9 +1,10 @@
-"""Robots in MuJoCo keep the contract; where nothing touches them, planar ones move as the kinematic robots do."""
+"""Robots in MuJoCo keep the contract, and drive and turn as they were fitted."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ import pytest
 
 from vibroswarm.documents.run import result_document
 from vibroswarm.motion.fixed_step import FIXED_STEP
+from vibroswarm.motion.footprint import overlap
 from vibroswarm.motion.kernel_run import batch_of
-from vibroswarm.motion.physics.planar import PlanarRun
-from vibroswarm.motion.physics.sources import PLANAR, WHEELS
+from vibroswarm.motion.physics.sources import WHEELS
+from vibroswarm.motion.physics.wheels_model import LENGTH_M, MARGIN_M, WIDTH_M
+from vibroswarm.motion.physics.wheels_run import WheelsRun
 from vibroswarm.motion.source import Source, forget, join, register
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -22,7 +25,13 @@ from vibroswarm.show.document import Text
 from vibroswarm.simulation import replay, simulate
 from vibroswarm.testing import motion as motion_checks
 from vibroswarm.testing import motion_tables
-from vibroswarm.testing.motion import check_bodies, check_ends, check_motion, check_segments_join
+from vibroswarm.testing.motion import (
+    at_all_ticks,
+    check_bodies,
+    check_ends,
+    check_motion,
+    check_segments_join,
+)
 from vibroswarm.testing.motion_cases import CASES, SHORT_CASE, Case, Check, fitted, motion_of, same
 from vibroswarm.testing.motion_tables import check_copies
 
@@ -33,25 +42,21 @@ OPEN = {"arena.width_m": 1000.0, "arena.height_m": 1000.0, "swarm.robots": 1, "r
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.parametrize(("source", "share"), [(PLANAR, 0.3), (WHEELS, 0.08)], ids=["planar", "wheels"])
-def test_they_keep_the_contract(source: Source, share: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of all cases, of those with many robots the beginnings, of 5 s and more: all kinds of movement are in each.
-
-    And of robots on wheels, which take ten times as long, one run each: planar ones, whose runs are made by the same
-    code, have them all.
-    """
+def test_they_keep_the_contract(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One run of each case, of those with many robots the beginnings, of 5 s and more: all kinds of movement."""
+    share = 0.08
     cases = tuple(
         replace(
             case,
             values=case.values
             | {"run.t_end_s": max(share * case.values["run.t_end_s"], 5.0 if robots > 2 else 40.0)},
-            runs=case.runs if source is PLANAR else case.runs[:1],
+            runs=case.runs[:1],
         )
         for case in CASES
         for robots in [case.scenario.swarm.robots]
     )
-    for case in fitted(cases, source):
-        motion = motion_of(source, case)
+    for case in fitted(cases, WHEELS):
+        motion = motion_of(WHEELS, case)
         assert motion.segments is not None
         found = set(motion.segments["kind"].unique())
         assert found | ({"turn", "avoid"} if "cell" in case.name else set()) == set(motion_tables.KINDS), (
@@ -62,56 +67,26 @@ def test_they_keep_the_contract(source: Source, share: float, monkeypatch: pytes
         monkeypatch.setattr(module, "CASES", cases)
         monkeypatch.setattr(module, "SHORT_CASE", cases[CASES.index(SHORT_CASE)])
     monkeypatch.setattr(motion_tables, "SHORT_S", max(share * motion_tables.SHORT_S, 6.0))
-    broken = [finding for finding in check_motion(source.name) if not finding.holds]
+    broken = [finding for finding in check_motion(WHEELS.name) if not finding.holds]
     assert not broken
 
 
-@pytest.mark.parametrize("source", [PLANAR, WHEELS], ids=lambda source: source.name)
 @pytest.mark.parametrize("check", [check_copies, check_bodies, check_segments_join, check_ends])
-def test_they_keep_it_in_a_crowd(source: Source, check: Check, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_they_keep_it_in_a_crowd(check: Check, monkeypatch: pytest.MonkeyPatch) -> None:
     """Copies are bit-equal, and bodies apart, where robots push each other most."""
     monkeypatch.setattr(motion_checks, "CASES", (BRIEF,))
     monkeypatch.setattr(motion_tables, "SHORT_CASE", BRIEF)
-    check(source)
+    check(WHEELS)
 
 
 def test_robots_touch_in_the_crowd() -> None:
     """Else the checks above would look at nothing."""
-    segments = motion_of(PLANAR, BRIEF).segments
-    assert segments is not None
-    slips = segments.filter((pl.col("kind") == "drive") & (pl.col("speed_m_s").abs() < 0.02))
-    assert slips.height > 10
-
-
-def test_without_contact_they_move_as_kinematic_robots() -> None:
-    """Places at samples differ by what mass costs: a few millimetres after the starts and stops of 40 s."""
-    scenario = Scenario().with_values(OPEN)
-    planar, stepped = (source.batch(scenario, 5, [0, 1, 2]) for source in (PLANAR, FIXED_STEP))
-    both = planar.samples.join(stepped.samples, on=["run", "robot", "sample"], suffix="_by_steps")
-    assert both.height == stepped.samples.height == planar.samples.height
-    gap_m = np.hypot(both["x_m"] - both["x_m_by_steps"], both["y_m"] - both["y_m_by_steps"])
-    assert gap_m.max() < 0.02
-    other = FIXED_STEP.batch(scenario.with_values({"robot.full_speed_m_s": 0.058}), 5, [0, 1, 2])
-    control = planar.samples.join(other.samples, on=["run", "robot", "sample"], suffix="_by_steps")
-    assert (
-        np.hypot(control["x_m"] - control["x_m_by_steps"], control["y_m"] - control["y_m_by_steps"]).max()
-        > 0.02
-    )
-
-
-def test_their_rays_are_where_those_of_kinematic_robots_are() -> None:
-    """With rays of the left side only they stop before walls at the same places, but for what mass costs."""
-    rays = {"rays.side_m": (0.0, 0.04), "rays.angle_deg": (0.0, 40.0)}
-    scenario = Scenario().with_values({"swarm.robots": 1, "run.t_end_s": 20.0, "arena.width_m": 0.6, **rays})
-    first = pl.col("kind") == "avoid"
-    planar, stepped = (
-        source.batch(scenario, 5, range(24), segments=True).segments.filter(first).group_by("run").first()
-        for source in (PLANAR, FIXED_STEP)
-    )
-    both = planar.join(stepped, on="run", suffix="_by_steps")
-    assert both.height == planar.height == stepped.height > 12
-    gap_m = np.hypot(both["x_m"] - both["x_m_by_steps"], both["y_m"] - both["y_m_by_steps"])
-    assert gap_m.max() < 0.005
+    poses, _ = at_all_ticks(motion_of(WHEELS, BRIEF), BRIEF.scenario, 0)  # (robots, ticks, 3)
+    touching = [
+        (overlap(one, other, (LENGTH_M, WIDTH_M))[0] > -MARGIN_M).any()
+        for one, other in combinations(poses, 2)
+    ]
+    assert sum(touching) > 5
 
 
 def test_robots_on_wheels_that_start_too_near_are_moved_apart() -> None:
@@ -156,14 +131,11 @@ def test_wheels_drive_veer_and_turn_as_they_were_fitted() -> None:
     assert 1.13 < turn < 1.24  # 54.5 mm, not 46
 
 
-@pytest.mark.parametrize("source", [PLANAR, WHEELS], ids=lambda source: source.name)
-def test_a_warning_marks_the_run_failed(
-    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_warning_marks_the_run_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its robots stand from then on, in whatever pieces, and in copies; nothing is written to the working directory."""
     monkeypatch.chdir(tmp_path)
     few = BRIEF.scenario.with_values({"swarm.robots": 5})
-    whole, pieces = (source.init(few, 3, 4, segments=True) for _ in range(2))
+    whole, pieces = (WHEELS.init(few, 3, 4, segments=True) for _ in range(2))
     for state in (whole, pieces):
         state.advance(5.0)
         state.data.qvel[0] = 1e20  # type: ignore[attr-defined]
@@ -179,14 +151,14 @@ def test_a_warning_marks_the_run_failed(
     assert at_once.samples.filter(pl.col("time_s") > 6.01).is_empty()
     assert at_once.ends["x_m"].is_finite().all()
     assert branch.advance(10.0).failures is not None
-    assert source.init(few, 3, 4).advance(10.0).failures is None
+    assert WHEELS.init(few, 3, 4).advance(10.0).failures is None
 
 
 def test_a_failed_run_is_shown_and_kept(tmp_path: Path) -> None:
     """A result says which of its runs failed, and keeps it on disk."""
     scenario = Scenario().with_values({"run.t_end_s": 20.0, "swarm.robots": 2})
 
-    class Failing(PlanarRun):
+    class Failing(WheelsRun):
         def start(self, seed: int, run: int) -> None:
             super().start(seed, run)
             if run == 1:

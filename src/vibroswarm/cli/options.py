@@ -149,7 +149,7 @@ class ScenarioOptions(ScenarioBase, OneSize, OneStrategy):
     """A scenario with one strategy and one number of robots."""
 
 
-MOTIONS: Final = ("event", "fixed-step", "mujoco", "mujoco-planar")
+MOTIONS: Final = ("event", "fixed-step", "mujoco")
 """Sources of motion of this package, as ``vibroswarm.motion`` registers them; a test compares them."""
 Seed = Annotated[int, Option("same scenario and seed: same result", "S")]
 ENGINE: Final = "engine: {names} (default event), or FILE.py:NAME"

@@ -129,7 +129,6 @@ def cache_folder() -> Path | None:
 ENGINES: Final = {
     "event": "engine",
     "fixed-step": "fixed_step",
-    "mujoco-planar": "planar",
     "mujoco": "wheels_step",
 }
 """Modules of the engines, by the names of their motion sources."""

@@ -1,4 +1,4 @@
-"""Parts of MuJoCo's models (in MJCF, its XML format) that all kinds of robot share: walls, and targets of rays."""
+"""Parts of MuJoCo's models (in MJCF, its XML format) besides the robots: walls, and targets of rays."""
 
 from __future__ import annotations
 

@@ -31,10 +31,6 @@ class World(NamedTuple):
     """Address of MuJoCo's structure of the data."""
     qpos: NDArray[np.float64]
     """View of MuJoCo's positions, in the order of robots."""
-    qvel: NDArray[np.float64]
-    """View of MuJoCo's velocities, in the order of robots."""
-    force: NDArray[np.float64]
-    """View of MuJoCo's generalised forces, which are set before a step."""
     warnings: NDArray[np.int32]
     """Number of MuJoCo's warnings of each kind since its data were reset."""
     frozen: NDArray[np.int64]
