@@ -9,7 +9,6 @@ HARD: Final = ("random:0.48", "random:0.52")
 ALL: Final = ("random:0.48", "random:0.52", "random:0.44", "random:0.56")
 POOR: Final = {"odometry.level": "poor"}
 REACH: Final = {"strategy.places.edge_reach_m": 0.01}
-PAIRS: Final = {"strategy.places.rate_pairs": True}
 SOUND: Final = {"strategy.places.broken_prior": 0.0}
 
 ROWS: Final[dict[str, dict[str, Any]]] = {
@@ -90,9 +89,6 @@ WRONG: Final[dict[str, Case]] = {
 }
 RATES: Final[dict[str, Case]] = {
     "theta_E 1.55": Case(rows=BOTH, felt={"sensor.rms_threshold": 1.55}),
-    "theta_E 1.55, pairs": Case(values=PAIRS, rows=BOTH, felt={"sensor.rms_threshold": 1.55}),
-    "right rates, pairs": Case(values=PAIRS, rows=BOTH),
-    "mean speed told 0.9, pairs": Case(values=PAIRS | told(assumed_speed_factor=0.9), rows=BOTH),
 }
 GRIDS: Final[dict[str, Case]] = {
     "5 x 5": Case(rows=("v = 1",)),

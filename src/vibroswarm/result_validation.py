@@ -81,12 +81,10 @@ def _not_given(scenario: Scenario) -> set[str]:
     if strategy is None:  # its code is not loaded
         return {"message", "alpha", "beta", "belief_below"}
     sensor = scenario.sensor
-    strategy = strategy.for_kinds(sensor)
     found = {"alpha", "beta"} - set(strategy.state_type.names or ())
     # For more than two kinds of tile there is no belief in one of two answers; of a sensor whose code is not loaded
     # their number is not known.
-    of_many = strategy.answers_kinds or strategy.of_many is not None
-    no_belief = of_many and (sensor.kinds > 2 or sensor.model not in sensors.known())
+    no_belief = strategy.answers_kinds and (sensor.kinds > 2 or sensor.model not in sensors.known())
     # ``reset`` has no belief in changes; that of a user's strategy may be nan.
     tells_change = getattr(scenario.strategy.params, "tells_change", False)
     if strategy.belief is None or no_belief or strategy.is_own or tells_change:

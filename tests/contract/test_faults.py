@@ -131,12 +131,11 @@ def test_the_opposite_of_one_kind_of_two_is_the_other_and_of_three_another() -> 
     columns = ["belief_below", "decision", "messages_received"]
     assert kinds.inference.select(columns).equals(bits.inference.select(columns))
     three = faulty({"opposite": 1.0}).with_values(OF_KINDS | {"sensor.model": "confusion", "swarm.robots": 2})
-    for name in ("dirichlet", "dirichlet_positive", "dirichlet_soft", "places"):
+    for name in ("dirichlet", "dirichlet_positive", "dirichlet_soft"):
         changed = three.with_values({"strategy.name": name})
         found = simulate(changed, 8, [3])
-        if name != "places":  # whose localisation is not replayed in plain Python
-            plain = plain_run(changed, 8, found.motion, found.ends, found.observations)
-            assert list(differences(found, plain)) == []
+        plain = plain_run(changed, 8, found.motion, found.ends, found.observations)
+        assert list(differences(found, plain)) == []
         honest = simulate(changed.with_values({"faults.opposite": 0.0}), 8, [3])
         assert found.reports is not None
         assert not found.reports.equals(honest.reports)

@@ -261,9 +261,8 @@ def test_closed_loop_and_tables_are_equal() -> None:
     )
     places = {
         "strategy.name": "places",
-        "strategy.places.energies": True,
         "strategy.places.min_samples": 5,
-        "network.name": "loss",  # whose kernel ``test_places_options`` needs too
+        "network.name": "loss",  # for which other tests compile the kernel
     }
     for one in (changing, changing.with_values(places)):
         assert list(in_pieces(one)) == []

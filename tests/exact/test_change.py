@@ -17,7 +17,7 @@ from scipy import ndimage, stats
 
 from helpers.commands import output_of
 from helpers.recordings import write_log
-from vibroswarm import Scenario, preset, replay, simulate
+from vibroswarm import Scenario, load_code, preset, replay, simulate
 from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.documents.run import run_document
 from vibroswarm.errors import InputError
@@ -250,18 +250,18 @@ def test_samples_read_the_floor_as_it_is() -> None:
     ids=["inverted", "chain"],
 )
 def test_closed_loop_and_stages_are_equal(values: dict[str, Any], preset_name: str) -> None:
-    """With edges, factors of tiles and robots, energies and estimated places, too."""
+    """With edges, factors of tiles and robots, and estimated places, too."""
     one = preset(preset_name).with_values({"floor.source": "random:0.4", **SHORT, **values})
     assert list(in_pieces(one.with_values({"strategy.name": "soft"}))) == []
-    places = {"strategy.name": "places", "strategy.places.energies": True, "strategy.places.min_samples": 5}
+    places = {"strategy.name": "places", "strategy.places.min_samples": 5}
     places["network.name"] = "loss"  # for which other tests compile the kernel
     assert list(in_pieces(one.with_values(places))) == []
 
 
 def test_pieces_without_a_sample_change_nothing() -> None:
     """A piece may end before the next sample; energies are weighed stage by stage, of which there is then none."""
-    values = {"strategy.name": "places", "strategy.places.energies": True, "localisation.method": "true"}
-    one = scenario(**values, **{"network.name": "loss"})
+    load_code(f"{Path(__file__).parents[2] / 'examples/kinds/mean_value.py'}:level")
+    one = scenario(**{"strategy.name": "level", "network.name": "loss"})
     (ground,) = sensed_floors(one, 4, [0], {0: one.floor_for(4, 0)})
     ends = []
     for pieces_s in ((SHORT["run.t_end_s"],), (0.5, 1.0, 30.0, 30.02, SHORT["run.t_end_s"])):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from vibroswarm import Result, Scenario, Study, preset, simulate, strategies
 from vibroswarm.analysis.answers_over_time import Answer, answers_in, course_of, judged, swarm_answers
 from vibroswarm.errors import InputError
 from vibroswarm.robot.belief import belief_below
-from vibroswarm.strategies import fading
 from vibroswarm.strategies.base import forget as forget_strategy
 from vibroswarm.strategies.reset import on_sample as count_reading
 
@@ -343,22 +341,6 @@ def test_a_map_fades() -> None:
     np.testing.assert_allclose(maps[1e9][1], maps[None][1], atol=1e-5)
     assert np.abs(maps[1.0][1] - 0.5).max() < 0.2
     assert np.abs(maps[None][1] - 0.5).max() > 0.3
-
-
-def test_the_evidence_on_error_rates_fades_as_that_on_tiles_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fading, "add_own", lambda *_: True)
-    s, a = (
-        SimpleNamespace(sampled_s=10.0, decision=-1),
-        SimpleNamespace(odds=np.ones(18), evidence=np.full(9, -4.0)),
-    )
-    p, w = (
-        SimpleNamespace(memory_s=5.0, rate_pairs=True),
-        SimpleNamespace(robots=1, rows=1, columns=2, revise=False),
-    )
-    assert fading.on_sample(s, a, SimpleNamespace(t_s=15.0), None, None, p, w)
-    np.testing.assert_allclose(a.odds, math.exp(-1.0))
-    np.testing.assert_allclose(a.evidence, -4.0 * math.exp(-1.0))
-    assert s.sampled_s == 15.0
 
 
 @pytest.mark.parametrize("name", ["forget", "reset", "fading"])

@@ -20,7 +20,7 @@ WORLD: Any = SimpleNamespace(
     width_m=COLUMNS * TILE_M, height_m=ROWS * TILE_M,
 )  # fmt: skip
 PARAMS: Any = SimpleNamespace(
-    rate_pairs=False, range_m=Params.range_m, recent_s=Params.recent_s, sure_within=Params.sure_within
+    range_m=Params.range_m, recent_s=Params.recent_s, sure_within=Params.sure_within
 )
 
 

@@ -23,10 +23,10 @@ from vibroswarm.inspection.samples import Law, Samples, ratios_of_values
 from vibroswarm.inspection.sources import grid_of, samples_of_csv
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.scenario.scenario import preset
-from vibroswarm.strategies.place_evidence import add_evidence
-from vibroswarm.strategies.place_map import share_place
+from vibroswarm.strategies.place_map import add_reading, share_place
 
 FLOORS = range(30)
+FALSE_POSITIVE, FALSE_NEGATIVE = 0.1, 0.2
 
 
 def last_map(samples: Samples, **settings: int) -> np.ndarray:
@@ -96,19 +96,21 @@ def robots_map(samples: Samples, reach_m: float) -> np.ndarray:
     rows, columns, width_m, height_m, left_m, bottom_m = samples.floor.geometry
     w = SimpleNamespace(
         robots=1, rows=rows, columns=columns, tile_width_m=width_m, tile_height_m=height_m, left_m=left_m,
-        bottom_m=bottom_m,
+        bottom_m=bottom_m, false_positive=FALSE_POSITIVE, false_negative=FALSE_NEGATIVE,
     )  # fmt: skip
     a = SimpleNamespace(**{name: np.zeros(9) for name in ("odds", "of_column", "of_row", "p", "p_without")})
-    a.weight, a.of_all, p = np.ones(1), np.zeros(1), SimpleNamespace(edge_reach_m=reach_m)
-    names = ("x_m", "y_m", "spread_x_m", "spread_y_m", "log_ratio")
+    a.weight, a.of_all, a.prior_odds = np.ones(1), np.zeros(1), np.zeros(1)
+    p, names = SimpleNamespace(edge_reach_m=reach_m), ("x_m", "y_m", "spread_x_m", "spread_y_m", "log_ratio")
     for *place, log_ratio in zip(*(samples.column(name).tolist() for name in names), strict=True):
-        add_evidence(a, 0, 0, log_ratio, *share_place(a, *place, p, w), w)
+        add_reading(a, 0, int(log_ratio > 0.0), *share_place(a, *place, p, w), w)
     return expit(a.odds)
 
 
 @pytest.mark.parametrize("reach_m", [0.0, 0.02, 0.15])
 def test_one_sweep_is_the_map_of_a_robot(reach_m: float) -> None:
     samples = drawn_samples(5, count=120, spread_m=0.03)
+    of_bits = np.log([FALSE_NEGATIVE / (1.0 - FALSE_POSITIVE), (1.0 - FALSE_NEGATIVE) / FALSE_POSITIVE])
+    samples = samples.with_columns(log_ratio=of_bits[(samples.column("log_ratio") > 0.0).astype(int)])
     sensor = samples.law.sensor.model_copy(update={"edge_reach_m": reach_m})
     felt = replace(samples, law=replace(samples.law, sensor=sensor))
     assert last_map(felt, sweeps=1) == pytest.approx(robots_map(samples, reach_m), abs=1e-12)

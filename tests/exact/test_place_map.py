@@ -1,4 +1,4 @@
-"""The map of places against enumeration: all floors, all pairs of rates, and edges that are felt beyond themselves."""
+"""The map of places against enumeration: all floors, and edges that are felt beyond themselves."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scipy.stats import norm
 
 from vibroswarm.strategies import place_map, place_share
 from vibroswarm.strategies.base import arrays_of
-from vibroswarm.strategies.place_map import PAIRS, RATE_STEP, add_reading, score, share_place, weigh_pairs
+from vibroswarm.strategies.place_map import add_reading, score, share_place
 from vibroswarm.strategies.places import Arrays
 
 SIDE, TILE_M = 2, 0.2
@@ -32,28 +32,18 @@ def world(robots: int) -> Any:
 
 
 def params(**values: Any) -> Any:
-    of: dict[str, Any] = {"rate_pairs": False, "edge_reach_m": 0.0}
-    return SimpleNamespace(**of | {"variance_factor": 1.0} | values)
+    return SimpleNamespace(**{"edge_reach_m": 0.0, "variance_factor": 1.0} | values)
 
 
-def memory(robots: int, p: Any) -> Any:
+def memory(robots: int) -> Any:
     sizes = {"robots": robots, "rows": SIDE, "columns": SIDE, "tiles": TILES}
     a = SimpleNamespace(**{name: np.zeros(array.size(sizes)) for name, array in arrays_of(Arrays).items()})
     a.weight[:] = 1.0
-    weigh_pairs(a, PAIRS if p.rate_pairs else 1)
     return a
 
 
 def add(a: Any, j: int, bit: int, x_m: float, y_m: float, spread_m: float, p: Any, w: Any) -> float:
-    return add_reading(a, j, bit, *share_place(a, x_m, y_m, spread_m, spread_m, p, w), p, w)
-
-
-def rates_of(pair: int) -> tuple[float, float]:
-    step = np.array([0.0, RATE_STEP, -RATE_STEP])
-    return (
-        float(expit(logit(FALSE_POSITIVE) + step[pair % 3])),
-        float(expit(logit(FALSE_NEGATIVE) + step[pair // 3])),
-    )
+    return add_reading(a, j, bit, *share_place(a, x_m, y_m, spread_m, spread_m, p, w), w)
 
 
 reading = st.tuples(st.integers(0, 1), st.integers(0, TILES - 1), st.integers(0, 1))
@@ -61,30 +51,21 @@ reading = st.tuples(st.integers(0, 1), st.integers(0, TILES - 1), st.integers(0,
 
 @settings(max_examples=30, deadline=None)
 @given(readings=st.lists(reading, min_size=1, max_size=40), v=st.sampled_from([1.0, 2.0]))
-def test_pairs_of_rates_are_weighed_as_all_floors_and_pairs_are(
-    readings: list[tuple[int, int, int]], v: float
-) -> None:
-    """Places known: probability of each pair, of each tile, and mean and variance of their number, by enumeration."""
-    p, w = params(rate_pairs=True, variance_factor=v), world(2)
-    a = memory(2, p)
-    likelihood = np.ones((PAIRS, len(FLOORS)))
+def test_tiles_are_weighed_as_all_floors_are(readings: list[tuple[int, int, int]], v: float) -> None:
+    """Places known: probability of each tile, and mean and variance of their number, by enumeration."""
+    p, w = params(variance_factor=v), world(2)
+    a = memory(2)
+    likelihood = np.ones(len(FLOORS))
     for sender, t, bit in readings:
         x_m, y_m = (t % SIDE + 0.5) * TILE_M, (SIDE - t // SIDE - 0.5) * TILE_M
-        for k in range(PAIRS):
-            positive, negative = rates_of(k)
-            one = np.where(FLOORS[:, t] == 1, 1.0 - negative, positive)
-            likelihood[k] *= one if bit == 1 else 1.0 - one
+        one = np.where(FLOORS[:, t] == 1, 1.0 - FALSE_NEGATIVE, FALSE_POSITIVE)
+        likelihood *= one if bit == 1 else 1.0 - one
         add(a, sender, bit, x_m, y_m, 0.001, p, w)
-    of_pair = likelihood.sum(axis=1) / likelihood.sum()
-    assert a.credence == pytest.approx(of_pair, abs=1e-9)
-    assert sum(a.credence) == pytest.approx(1.0)
-    by_floor = likelihood / likelihood.sum(axis=1, keepdims=True)
+    by_floor = likelihood / likelihood.sum()
     p_tile = by_floor @ FLOORS
-    assert expit(a.odds.reshape(PAIRS, 2, TILES).sum(axis=1)) == pytest.approx(p_tile, abs=1e-9)
-    number = by_floor @ FLOORS.sum(axis=1)
-    mean = of_pair @ number
-    variance = v * (of_pair @ (p_tile * (1.0 - p_tile)).sum(axis=1)) + of_pair @ (number - mean) ** 2
-    assert score(a, p, w) == pytest.approx((0.5 * TILES - mean) / np.sqrt(variance), rel=1e-5)
+    assert expit(a.odds.reshape(2, TILES).sum(axis=0)) == pytest.approx(p_tile, abs=1e-9)
+    variance = v * (p_tile * (1.0 - p_tile)).sum()
+    assert score(a, p, w) == pytest.approx((0.5 * TILES - p_tile.sum()) / np.sqrt(variance), rel=1e-5)
 
 
 @pytest.mark.parametrize("reach_m", [0.0, 0.01, 0.03])
@@ -93,7 +74,7 @@ def test_pairs_of_rates_are_weighed_as_all_floors_and_pairs_are(
 def test_one_reading_near_edges_weighs_every_floor(reach_m: float, at: tuple[float, float], bit: int) -> None:
     """Integrated over the place on a grid and summed over 16 floors; vibration is felt up to the reach, in x and y."""
     p, w, spread_m, j = params(edge_reach_m=reach_m), world(2), 0.02, 1
-    a = memory(2, p)
+    a = memory(2)
     a.odds[:TILES] = [0.5, -1.0, 2.0, 0.3]  # of the other sender
     line = (np.arange(800) + 0.5) * 0.0005
     place = np.outer(norm.pdf(line, at[1], spread_m), norm.pdf(line, at[0], spread_m))  # y by x
@@ -112,11 +93,10 @@ def test_one_reading_near_edges_weighs_every_floor(reach_m: float, at: tuple[flo
     posterior = prior * chance
     before = a.odds.copy()
     assert add(a, j, bit, *at, spread_m, p, w) == pytest.approx(posterior.sum(), abs=2e-3)
-    changed = (a.odds - before).reshape(PAIRS, 2, TILES)
+    changed = (a.odds - before).reshape(2, TILES)
     expected = logit(posterior @ FLOORS / posterior.sum()) - before[:TILES]
-    assert changed[0, 1] == pytest.approx(expected, abs=0.01)
-    assert not changed[1:].any()
-    assert not changed[0, 0].any()
+    assert changed[1] == pytest.approx(expected, abs=0.01)
+    assert not changed[0].any()
 
 
 def test_no_function_that_takes_arrays_is_cached_alone() -> None:

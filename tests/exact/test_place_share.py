@@ -32,7 +32,7 @@ def world(side: int, boundary: float) -> Any:
 
 
 def params(median: float = 0.0, v: float = 1.0) -> Any:
-    return SimpleNamespace(prior_median=median, variance_factor=v, rate_pairs=False)
+    return SimpleNamespace(prior_median=median, variance_factor=v)
 
 
 def memory(odds: Any) -> Any:
@@ -43,7 +43,6 @@ def memory(odds: Any) -> Any:
         weight=np.array([1.0, 0.5]),
         p=np.full(odds.size, 7.0),  # scratch: whatever it held
         prior_odds=np.zeros(1),
-        credence=np.ones(1),
     )
 
 

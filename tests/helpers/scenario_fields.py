@@ -98,7 +98,6 @@ OTHERS = {
     "network.tree.parents": (-1, -1, -1, -1, 0),
     "network.tree.message_bytes": 100,
     "network.tree.log_bytes": 100,
-    "strategy.places.draws": 2,
 }
 MODEL: dict[str, Any] = {"sensor.vibrating_energies": [1.0, 2.0], "sensor.still_energies": [0.5]}
 

@@ -216,29 +216,3 @@ def test_maps_of_no_run_and_at_no_time() -> None:
     assert maps_over_time(result, 3, np.array([])).shape == (0, 6, 25)
     with pytest.raises(InputError, match="no run 0 in this result"):
         maps_over_time(result, 0, np.array([10.0]))
-
-
-def test_rates_told_wrong_are_found_by_evidence() -> None:
-    """Readings at a threshold of 1.55, rates told for 1.33: at .52 57 % wrong in 300 runs, with nine pairs 20 %."""
-    timeline = timeline_of(PAPER, moved())
-    positive, negative = error_rates(PAPER.sensor)
-    told_wrong = {
-        "sensor.rms_threshold": 1.55,
-        "decision.assumed_false_positive": positive,
-        "decision.assumed_false_negative": negative,
-        "floor.source": "random:0.52",
-    }
-    wrong = []
-    for pairs in (False, True):
-        scenario = GOOD.with_values({**told_wrong, "strategy.places.rate_pairs": pairs})
-        floors = floors_of(scenario, SEED, list(range(RUNS)))
-        observations = observe(scenario, SEED, moved().samples, floors, energies=False)
-        wrong.append((infer(scenario, SEED, timeline, observations)[1]["decision"] == 0).mean())
-    assert wrong[1] < 0.38 < wrong[0]  # type: ignore[operator]
-
-
-def test_maps_of_nine_pairs_show_the_floor_too() -> None:
-    maps = floor_maps(simulate(GOOD.with_values({"strategy.places.rate_pairs": True}), SEED, 1))
-    assert maps.height == 6 * 25
-    right = (maps["vibrating"] > 0.5).cast(pl.UInt8) == maps["vibrates"]
-    assert right.mean() > 0.85  # type: ignore[operator]

@@ -21,7 +21,6 @@ from helpers.exported_robots import STRICT
 from helpers.plain_program import zero
 from vibroswarm import preset
 from vibroswarm.errors import InputError
-from vibroswarm.export import assembly
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_library import ASSETS
@@ -39,7 +38,6 @@ from vibroswarm.export.c_types import (
 )
 from vibroswarm.export.parameters import c_number
 from vibroswarm.export.source import plain
-from vibroswarm.strategies import strategy as strategy_of
 
 
 class Pair(NamedTuple):
@@ -313,13 +311,6 @@ def with_keywords(x: float) -> float:
     short_ = short + x
     log = math.log(short_)
     return log
-
-
-def test_a_variant_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The package has no such strategy, so one is made up."""
-    monkeypatch.setattr(assembly, "strategy_used", lambda scenario: strategy_of("positive"))
-    with pytest.raises(InputError, match="these options cannot be exported"):
-        parts_of(preset("paper").with_values({"strategy.name": "soft"}))
 
 
 def test_nan_is_no_parameter() -> None:

@@ -31,7 +31,7 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def run(text: str) -> int:
-    """Run a strategy that reads everything that a sensor states: classes, error rates, and likelihoods of values."""
+    """Run a strategy that reads classes and error rates."""
     Path("mine.py").write_text(text, encoding="utf-8")
     values = [
         "sensor.model=mine.py:mine",
@@ -39,10 +39,7 @@ def run(text: str) -> int:
         "strategy.name=places",
         "localisation.method=true",
     ]
-    values += [
-        "strategy.places.energies=true",
-        "network.name=loss",
-    ]  # for which other tests compile the kernel
+    values += ["network.name=loss"]  # for which other tests compile the kernel
     return main(["run", "--trust", "--out", "run", *(word for value in values for word in ("--set", value))])
 
 

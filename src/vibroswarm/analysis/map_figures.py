@@ -26,10 +26,6 @@ own samples, and those from each other robot's messages.
 | spread | sqrt(p (1 - p)) |
 | pooled map | from the log odds that each robot has from its own samples, summed with equal weights |
 | map at a time | from the samples taken by then, and all messages about these samples |
-
-A strategy may keep several maps at once. Over draws of its place, p is the mean over the maps of all draws. Over pairs
-of error rates, p is the mean over the pairs, weighted by the robot's probabilities of the pairs (in the pooled map: by
-the mean of these probabilities over robots).
 """
 
 from __future__ import annotations
@@ -52,7 +48,7 @@ from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.outcomes import fills_and_truth
 from vibroswarm.inference.replay import classes_and_values, replay_to_end
 from vibroswarm.inference.robot_maps import beliefs_of
-from vibroswarm.localisation.locate import draws_read, estimates_key
+from vibroswarm.localisation.locate import estimates_key
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -88,7 +84,7 @@ def map_figures(
     """
     runs, robots = len(floors), scenario.swarm.robots
     if scenario.strategy.name in WITH_MAP:
-        maps = beliefs_of(swarm.arrays, runs, robots, draws_read(scenario))[0]
+        maps = beliefs_of(swarm.arrays, runs, robots)[0]
     else:  # without an array p a field has this name, which is no map
         reported = getattr(swarm.arrays, "p", np.empty((runs * robots, 0)))
         maps = np.asarray(reported, dtype=np.float64).reshape(runs, robots, -1)
@@ -146,8 +142,8 @@ the run, else 0."""
 
 
 def keeps_floor_map(scenario: Scenario) -> bool:
-    """Return whether robots keep a map of the tiles that vibrate: of two kinds, that is."""
-    return scenario.strategy.name in WITH_MAP and scenario.sensor.kinds == scenario.sensor.readings == 2
+    """Return whether robots keep a map of the tiles that vibrate."""
+    return scenario.strategy.name in WITH_MAP
 
 
 def floor_maps(result: Result) -> pl.DataFrame:
@@ -168,7 +164,6 @@ def floor_maps(result: Result) -> pl.DataFrame:
         replay_to_end(scenario, seed, timeline, *classes_and_values(result.observations)).arrays,
         len(runs),
         robots,
-        draws_read(scenario),
     )
     frames = []
     ends_s = dict(result.runs.select("run", "end_s").iter_rows())
@@ -213,7 +208,7 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
             so_far = replace(so_far, _estimates=cache)
         energy_so_far = None if energy is None else energy[taken]
         swarm = replay_to_end(scenario, seed, so_far, read_only(observation[taken]), energy_so_far)
-        by_robot, pooled = beliefs_of(swarm.arrays, runs=1, robots=robots, draws=draws_read(scenario))
+        by_robot, pooled = beliefs_of(swarm.arrays, runs=1, robots=robots)
         maps.append(np.concatenate([by_robot[0], pooled]))
     return np.array(maps).reshape(len(time_s), robots + 1, tiles)
 
@@ -226,8 +221,7 @@ def _check_maps(result: Result) -> int:
     """
     if not keeps_floor_map(result.scenario):
         raise InputError(
-            f"'{result.scenario.strategy.name}' keeps no map of what vibrates; {' and '.join(WITH_MAP)} do, where "
-            "there are two kinds of tile",
+            f"'{result.scenario.strategy.name}' keeps no map of what vibrates; {' and '.join(WITH_MAP)} do",
             field="strategy.name",
         )
     if result.seed is None:

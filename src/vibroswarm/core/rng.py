@@ -143,8 +143,6 @@ OF_TOLD_X: Final = _number(2)
 OF_TOLD_Y: Final = _number(4)
 OF_TOLD_HEADING: Final = _number(6)
 """First peers of the pairs of numbers of the errors in the start (x, y, heading) that a robot assumes."""
-OF_PATHS: Final = _number(8)
-"""Peer of the number that begins the draws of a robot's paths."""
 
 _M0: Final = 0xD2511F53
 """First of the two multipliers of Philox4x32."""

@@ -16,7 +16,7 @@ from vibroswarm import sensors
 from vibroswarm.errors import InputError
 from vibroswarm.export import robot_program
 from vibroswarm.export.source import plain
-from vibroswarm.inference.agents import sizes_of, strategy_of_kinds, strategy_used, world_of
+from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.motion.robot_params import setup_of
 from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.belief import belief_below as posterior_below
@@ -93,13 +93,11 @@ def parts_of(scenario: Scenario) -> RobotParts:
             f"most {MOST_ROBOTS}",
             field="swarm.robots",
         )
-    strategy = strategy_of_kinds(scenario)
+    strategy = strategy_used(scenario)
     if reads_places(strategy) or strategy.steer is not None:
         raise InputError(
             f"'{strategy.name}' reads places or steers, so it cannot be exported", field="strategy.name"
         )
-    if strategy_used(scenario) is not strategy:
-        raise InputError("robots with these options cannot be exported", field=f"strategy.{strategy.name}")
     sensor = sensors.sensor(scenario.sensor.model)
     measures = sensor.in_section or sensor.accelerometer is not None
     if measures and scenario.sensor.readings > 2:

@@ -6,7 +6,6 @@ kernels. A robot's "events" are its own samples and timers.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
@@ -99,28 +98,14 @@ class Swarm(NamedTuple):
     """Rows of ``FAILURE``."""
 
 
-def strategy_of_kinds(scenario: Scenario) -> Strategy:
-    """Return the scenario's strategy for its number of kinds of tile and of classes of readings.
+def strategy_used(scenario: Scenario) -> Strategy:
+    """Return the scenario's strategy.
 
     Raises:
         InputError: it is a user's, and its file is not loaded.
     """
     scenario.strategy.check_loaded()
-    return strategy_of(scenario.strategy.name).for_kinds(scenario.sensor)
-
-
-def strategy_used(scenario: Scenario) -> Strategy:
-    """Return the scenario's strategy or, if the strategy has variants, the variant for its parameters and sizes.
-
-    Raises:
-        InputError: the strategy's parameters do not fit together.
-    """
-    named, arena = strategy_of_kinds(scenario), scenario.arena
-    if named.variant is None:
-        return named
-    # Variants may need to know how many bits of a message a coordinate in mm takes.
-    longest_mm = math.ceil(1000.0 * max(arena.width_m, arena.height_m))
-    return named.variant(scenario.strategy.params, sizes_of(scenario) | {"longest_mm": longest_mm})
+    return strategy_of(scenario.strategy.name)
 
 
 def world_of(scenario: Scenario, counts: int) -> World:

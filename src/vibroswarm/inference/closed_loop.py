@@ -22,7 +22,7 @@ from vibroswarm.inference.deliveries import write_heard
 from vibroswarm.inference.replay_arrays import DONE, Readings, Rows, Stops
 from vibroswarm.inference.replayer import NO_VALUES, CountsReplayer, replayer_of
 from vibroswarm.inference.sender_positions import NO_TRACKS, move_rows, tracks_of_rows
-from vibroswarm.localisation.locate import draws_read, is_estimated
+from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.localisation.online import OnlineLocalisation
 from vibroswarm.motion.event.engine import events
 from vibroswarm.motion.event.event_run import EventRun
@@ -40,7 +40,6 @@ from vibroswarm.observation.observe import (
     reads_energies,
     values_at,
 )
-from vibroswarm.robot.place_draws import width_of
 from vibroswarm.robot.pose_mixture import ESTIMATE
 from vibroswarm.scenario.fault_draws import apply_faults
 from vibroswarm.scenario.scenario import Scenario
@@ -207,9 +206,7 @@ class ClosedLoop:
             capacity: number of samples that there is room for.
         """
         scenario, robots = self.scenario, self.walked_tick.size
-        # The columns that ``OnlineLocalisation.locate`` writes: the estimate, then draws of the place if they are read.
-        width = len(ESTIMATE) + width_of(draws_read(scenario))
-        self.estimates = np.zeros((capacity if self.localisation else 0, width))
+        self.estimates = np.zeros((capacity if self.localisation else 0, len(ESTIMATE)))
         self.weighed = np.zeros((capacity if reads_energies(scenario) else 0, 2))
         self.replayer = replayer_of(scenario, self.seed, runs=1, longest=capacity, rows=capacity)
         # needs_moves: whether network or localisation read the moves, so that ``add_moves`` must be called before

@@ -82,8 +82,8 @@ class Readings(NamedTuple):
     uniforms: NDArray[np.float64]
     """First uniform number of each call of ``on_sample``."""
     estimates: NDArray[np.float64]
-    """(rows, 9 or more): places as robots estimate them (``robot.pose_mixture.ESTIMATE``), then draws of places
-    (``robot.place_draws``); no rows if robots know their true places."""
+    """(rows, 9): places as robots estimate them (``robot.pose_mixture.ESTIMATE``); no rows if robots know their true
+    places."""
     weighed: NDArray[np.float64]
     """(rows, 2): value of each sample, and its log likelihood ratio (``observation.energy_model``); no rows if the
     strategy reads none."""
@@ -121,21 +121,18 @@ def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Readi
 def detailed_reading(readings: Readings, k: int, time_s: float, number: int) -> DetailedReading:
     """Return the reading of the sample in row ``k`` as a strategy that ``reads_details`` gets it.
 
-    It has the fields of ``own_reading``, and also the value and its log likelihood ratio (nan if not available) and the
-    draws of places, m (an empty array if there are none).
+    It has the fields of ``own_reading``, and also the value and its log likelihood ratio (nan if not available).
 
     Args:
         time_s: time of the sample. number: index of the sample among the robot's samples.
     """
     x = own_reading(readings, k, time_s, number)
-    weighed, estimates = readings.weighed, readings.estimates
+    weighed = readings.weighed
     value = weighed[k, 0] if weighed.shape[0] > 0 else np.nan
     log_ratio = weighed[k, 1] if weighed.shape[0] > 0 else np.nan
-    # Columns from 9 on are the draws. uniforms[:0] serves as an empty array of floats.
-    draws_m = estimates[k][9:] if estimates.shape[0] > 0 else readings.uniforms[:0]
     return DetailedReading(
         x.reading, time_s, number, x.x_m, x.y_m, x.heading_rad, x.spread_m, x.lagged_number, x.lagged_x_m,
-        x.lagged_y_m, x.lagged_spread_x_m, x.lagged_spread_y_m, log_ratio, value, draws_m,
+        x.lagged_y_m, x.lagged_spread_x_m, x.lagged_spread_y_m, log_ratio, value,
     )  # fmt: skip
 
 

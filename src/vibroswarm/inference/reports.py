@@ -18,7 +18,6 @@ from vibroswarm.inference.agents import Swarm, strategy_used
 from vibroswarm.inference.deliveries import Timeline
 from vibroswarm.inference.replay_arrays import Log
 from vibroswarm.inference.robot_maps import beliefs_of
-from vibroswarm.localisation.locate import draws_read
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies.base import Report
 from vibroswarm.strategies.place_map import WITH_MAP
@@ -91,7 +90,7 @@ def array_at_end(scenario: Scenario, name: str, arrays: Any) -> NDArray[Any]:
     if name != "p" or scenario.strategy.name not in WITH_MAP:
         return found
     robots = scenario.swarm.robots
-    return beliefs_of(arrays, len(found) // robots, robots, draws_read(scenario))[0].reshape(len(found), -1)
+    return beliefs_of(arrays, len(found) // robots, robots)[0].reshape(len(found), -1)
 
 
 def _by_index(rows: dict[str, NDArray[Any]], values: NDArray[Any]) -> dict[str, NDArray[Any]]:

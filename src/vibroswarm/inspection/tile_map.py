@@ -13,7 +13,7 @@
 
 A region is a tile; where vibration is felt beyond edges also the strip around an edge or a corner, with the tiles on
 its sides. p_u is the map without this sample. A robot of strategy ``places`` adds each sample once, in the order in
-which it hears them, so that its map depends on that order (``strategies.place_evidence``, whose evidence is ln e_t).
+which it hears them, so that its map depends on that order (``strategies.place_map``, whose evidence is ln e_t).
 Here the same update is repeated, each time with the sample's earlier evidence taken out, until nothing changes:
 expectation propagation with independent tiles (Minka 2001). Exact places are on one tile each, and then the map is
 exact. The blur of an edge is a spread of the place.

@@ -136,7 +136,7 @@ def league_with_faults(league: League, kinds: Sequence[str], most: int, runs: in
 def _cases(league: League, kinds: Sequence[str], most: int) -> Iterator[tuple[Entry, str, int]]:
     """Yield kinds and numbers of faulty robots of each entry; its first, ("none", 0), serves all kinds."""
     for entry in league.entries:
-        has_opposite = strategy(entry.strategy).for_kinds(league.base.sensor).has_opposite
+        has_opposite = strategy(entry.strategy).has_opposite
         possible = [kind for kind in kinds if kind != "opposite" or has_opposite]
         yield entry, "none", 0
         for kind in possible:

@@ -31,7 +31,6 @@ from vibroswarm.core.rng import (
     ALONE,
     FIRST,
     LOCALISATION,
-    OF_PATHS,
     OF_TOLD_HEADING,
     OF_TOLD_X,
     OF_TOLD_Y,
@@ -42,7 +41,6 @@ from vibroswarm.errors import InputError
 from vibroswarm.localisation.odometry import measure_moves
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.robot.localisation import drive, obstacle, sampled, turn
-from vibroswarm.robot.place_draws import Paths, begin_paths, draw_places, empty_paths, width_of
 from vibroswarm.robot.pose_mixture import ESTIMATE, LocalisationProgram, Mixture, begin, empty_mixture
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP
 from vibroswarm.scenario.fields import Robot
@@ -90,12 +88,11 @@ def place_frame(samples: pl.DataFrame, estimates: NDArray[np.float64]) -> pl.Dat
     """Convert estimates to a table (``PLACES``), with null in the lagged columns of a robot's first samples.
 
     Args:
-        samples: run, robot and sample of each row. estimates: (samples, 9 or more): columns of ``ESTIMATE``; further
-            columns (draws of places) are ignored.
+        samples: run, robot and sample of each row. estimates: (samples, 9): columns of ``ESTIMATE``.
     """
     # ``lagged_sample`` is -1 in a robot's first samples, when there is no sample ``lag`` ago yet.
     lagged = pl.when(pl.col("lagged_sample") >= 0.0).then(pl.col("^lagged_.*$"))
-    frame = pl.DataFrame(estimates[:, : len(ESTIMATE)], schema=list(ESTIMATE)).with_columns(lagged)
+    frame = pl.DataFrame(estimates, schema=list(ESTIMATE)).with_columns(lagged)
     return samples.select("run", "robot", "sample").hstack(frame.fill_nan(None)).cast(PLACES)
 
 
@@ -104,20 +101,12 @@ def is_estimated(scenario: Scenario) -> bool:
     return scenario.place_method != "true"
 
 
-def draws_read(scenario: Scenario) -> int:
-    """Return how many random paths of places (``robot.place_draws``) the strategy reads: its parameter ``draws``.
-
-    A strategy without this parameter reads none: 0.
-    """
-    return int(getattr(scenario.strategy.params, "draws", 0))
-
-
 def estimates_key(scenario: Scenario, seed: int) -> Hashable:
     """Return a key under which the estimates for one motion can be cached: equal keys mean equal estimates.
 
     It leaves out the motion, and all fields that determine the motion.
     """
-    return scenario.odometry, scenario.localisation, scenario.rays.noise_m, draws_read(scenario), seed
+    return scenario.odometry, scenario.localisation, scenario.rays.noise_m, seed
 
 
 def estimate(
@@ -135,9 +124,8 @@ def estimate(
         samples: table with run and robot of each sample; each robot's samples are in order of time.
         stop_start_s, time_s: (samples,): when the robot stopped for the sample, and when it took it. moves, ends:
             tables of the motion; ``moves`` is sorted by run and start.
-    Returns: (samples, 9): the columns of ``ESTIMATE``; the number of the lagged sample is -1 where there is none. If
-        the strategy reads draws, 2 draws + 2 columns of ``place_draws.draw_places`` follow. A robot's rows are nan from
-        the first sample on whose stop is not among the moves.
+    Returns: (samples, 9): the columns of ``ESTIMATE``; the number of the lagged sample is -1 where there is none. A
+        robot's rows are nan from the first sample on whose stop is not among the moves.
     Raises:
         InputError: the motion has no table of moves.
     """
@@ -151,7 +139,7 @@ def estimate(
     odometer = measure_moves(scenario, seed, moves, ends)
     # Each robot's first move begins at its pose at time 0.
     starts = moves.group_by("run", "robot", maintain_order=True).first().sort("run", "robot")
-    out = np.full((samples.height, len(ESTIMATE) + width_of(draws_read(scenario))), np.nan)
+    out = np.full((samples.height, len(ESTIMATE)), np.nan)
     # Agent of each sample (``whose``), of each row of the odometer (``moved``), and all agents in order.
     whose = samples["run"].to_numpy().astype(np.int64) * robots + samples["robot"].to_numpy()
     rows = np.argsort(whose, kind="stable")  # samples by agent and, for each agent, in order of time
@@ -174,7 +162,7 @@ def estimate(
     for each_m in np.unique(forward_m):
         of = np.flatnonzero(forward_m[agents % robots] == each_m)
         locate_robots(
-            *memory,
+            memory,
             program._replace(ray_forward_m=float(each_m)),
             seed,
             robots,
@@ -190,12 +178,11 @@ def estimate(
     return out
 
 
-def empty_memory(scenario: Scenario) -> tuple[Mixture, Paths]:
-    """Allocate the memory of one robot's filter, and of its draws."""
-    draws = draws_read(scenario)
+def empty_memory(scenario: Scenario) -> Mixture:
+    """Allocate the memory of one robot's filter."""
     # The methods other than "mixture" have a single Gaussian.
     components = scenario.localisation.components if scenario.place_method == "mixture" else 1
-    return empty_mixture(components, scenario.localisation.lag, draws > 0), empty_paths(draws, components)
+    return empty_mixture(components, scenario.localisation.lag)
 
 
 def ray_forward_m(scenario: Scenario) -> NDArray[np.float64]:
@@ -285,7 +272,6 @@ def program_of(scenario: Scenario) -> LocalisationProgram:
 @kernel
 def locate_robots(
     f: Mixture,
-    paths: Paths,
     program: LocalisationProgram,
     seed: int,
     robots: int,
@@ -308,14 +294,14 @@ def locate_robots(
     """Run the filter of each agent over its moves, one agent after the other, and write its estimates at samples.
 
     Args:
-        f, paths: memory of one robot's filter and of its draws, reused for each agent, changed. program: what the
+        f: memory of one robot's filter, reused for each agent, changed. program: what the
             filters of all these agents assume. seed: seed of the runs. robots: number of robots of the swarm.
         agents: (agents,): run * robots + robot of each agent. starts: (agents, 3): true poses at time 0: x, y, heading.
         bounds: (agents, 4): first and end of each agent's moves, and first and end of its samples in ``rows``.
-        from_start: whether the filters begin at ``starts``. If false, there is a single agent; ``f`` and ``paths`` are
-            its memory as an earlier call left it, after a stop, and are continued.
+        from_start: whether the filters begin at ``starts``. If false, there is a single agent; ``f`` is its
+            memory as an earlier call left it, after a stop, and are continued.
         sampled_s: (agents,): time of each agent's last sample so far, changed. tick_s: control period.
-        out: (samples, 9 or more), written: estimates and, with draws, places of draws (``estimate``).
+        out: (samples, 9), written: estimates (``estimate``).
         kind, start_s, duration_s, gyro_rad, ray_m: (moves,): columns of ``odometry.ODOMETER``, in which ``kind`` is an
             index into ``walk.KINDS`` and ``ray_m`` is nan where no avoidance began.
         rows: indices of samples, agent by agent, in order of time. Each sample's stop must be among its agent's moves:
@@ -327,8 +313,6 @@ def locate_robots(
         first, end, k, last = bounds[e]
         if from_start:
             begin_robot(f, program, seed, run, i, starts[e, 0], starts[e, 1], starts[e, 2])
-            if paths.component.size > 0:
-                begin_paths(f, paths, random_word(seed, run, i, OF_PATHS))
             sampled_s[e] = 0.0
         for m in range(first, end):
             if kind[m] == DRIVE:
@@ -343,10 +327,6 @@ def locate_robots(
             # A stop. It belongs to the next sample if it began at the time that the sample states; robots also stop for
             # other reasons, and at the end.
             elif k < last and abs(stop_start_s[rows[k]] - start_s[m]) < 0.5 * tick_s:
-                # The draws follow the 9 columns of ESTIMATE. They are made first, as they read the place of the sample
-                # ``lag`` ago, which ``sampled`` overwrites.
-                if paths.component.size > 0:
-                    draw_places(f, program, paths, out[rows[k], 9:])
                 sampled(f, program, out[rows[k]])
                 sampled_s[e] = time_s[rows[k]]
                 k += 1
@@ -372,15 +352,11 @@ def begin_robot(
     heading_rad += program.start_heading_spread_rad * normal(
         seed, run, i, LOCALISATION, FIRST, OF_TOLD_HEADING
     )
-    begin(f, program, random_word(seed, run, i, ALONE), x_m, y_m, heading_rad)
+    begin(f, program, random_word(seed, run, i), x_m, y_m, heading_rad)
 
 
 @inner
-def random_word(seed: int, run: int, i: int, peer: int) -> int:
-    """Return the first state of a robot's own random number generator, from 1 to 2^32 - 1.
-
-    Args:
-        run, i: run and robot. peer: last part of the address of the uniform number from which the state is made.
-    """
+def random_word(seed: int, run: int, i: int) -> int:
+    """Return the first state of the random number generator of robot ``i``, from 1 to 2^32 - 1."""
     # The generator needs a state other than 0; the limit is for uniform numbers that round to 1.
-    return min(1 + int(uniform(seed, run, i, LOCALISATION, FIRST, peer) * 4294967295.0), 4294967295)
+    return min(1 + int(uniform(seed, run, i, LOCALISATION, FIRST, ALONE) * 4294967295.0), 4294967295)

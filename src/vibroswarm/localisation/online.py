@@ -72,8 +72,7 @@ class OnlineLocalisation:
         Args:
             robot, stop_tick, time_s: (samples,), in order of time: the robot, the tick at which it stopped, the time of
                 the sample. All moves up to and including that stop must have been added.
-            out: (samples, 9 or more), overwritten: the columns of ``pose_mixture.ESTIMATE``, then those of the draws of
-                places, if the strategy reads them.
+            out: (samples, 9), overwritten: the columns of ``pose_mixture.ESTIMATE``.
         """
         # With the empty array, ``joined`` works also if ``given`` is empty.
         moves = joined([zero_rows(0, MOVE_ROW), *self.given])
@@ -108,8 +107,7 @@ class OnlineLocalisation:
         Args:
             rows: the moves (``MOVE_ROW``), in order of time; the last one is the stop for the robot's last new sample.
             of: indices of the robot's new samples in ``stop_s``, ``time_s`` and ``out``. stop_s, time_s: (samples,):
-                when the robot stopped for each sample, and when it took it. out: (samples, 9 or more): estimates,
-                written.
+                when the robot stopped for each sample, and when it took it. out: (samples, 9): estimates, written.
         """
         # Columns of the records ``rows``; the kernels take ``kind`` as int64.
         kind, ray_m = rows["kind"].astype(np.int64), rows["ray_m"].copy()
@@ -141,7 +139,7 @@ class OnlineLocalisation:
         # is wrapped as in the table of moves, from which ``locate.estimate`` takes it.
         pose = (float(rows["x_m"][0]), float(rows["y_m"][0]), wrapped_rad(float(rows["heading_rad"][0])))
         locate_robots(
-            *self.memory[i],
+            self.memory[i],
             self.programs[i],
             self.seed,
             self.robots,

@@ -132,8 +132,7 @@ class Mixture(NamedTuple):
     past_covariances: NDArray[np.float64]
     """(components, lag, 2, 6): covariances of these places with the state."""
     copies: NDArray[np.int64]
-    """(components,): scratch of ``resample``. With draws of paths it has shape (2 components,); the second half holds
-    the component at the last sample from which each component descends."""
+    """(components,): scratch of ``resample``."""
     rows: NDArray[np.float64]
     """(4, 6): scratch: P H' for walls in x (row 0) and y (row 1); in a move, derivatives of the new state."""
     numbers: NDArray[np.int64]
@@ -142,13 +141,11 @@ class Mixture(NamedTuple):
     """(2,): sums that fade by KEPT at each obstacle: what was unexpected (UNEXPECTED), obstacles (OBSTACLES)."""
 
 
-def empty_mixture(components: int, lag: int, with_paths: bool = False) -> Mixture:
+def empty_mixture(components: int, lag: int) -> Mixture:
     """Allocate a robot's memory; all numbers are 0 until ``begin`` is called.
 
     Args:
         components: number of Gaussians. lag: number of past samples whose places are kept and corrected, at least 1.
-        with_paths: whether to save also, for each component, from which component of the last sample it descends, as
-            ``place_draws`` needs.
     """
     return Mixture(
         np.zeros((components, STATES)),  # means
@@ -157,7 +154,7 @@ def empty_mixture(components: int, lag: int, with_paths: bool = False) -> Mixtur
         np.zeros((components, lag, 2)),  # past
         np.zeros((components, lag, 2)),  # past_variances
         np.zeros((components, lag, 2, STATES)),  # past_covariances
-        np.zeros(2 * components if with_paths else components, dtype=np.int64),  # copies
+        np.zeros(components, dtype=np.int64),  # copies
         np.zeros((4, STATES)),  # rows
         np.zeros(2, dtype=np.int64),  # numbers
         np.zeros(2),  # monitor
@@ -272,9 +269,6 @@ def resample(f: Mixture) -> None:
 @inlined
 def copy_component(f: Mixture, i: int, to: int) -> None:
     """Overwrite component ``to`` by component ``i``, except for its weight."""
-    # In a mixture with paths (``empty_mixture``), copy also from which component this one descends.
-    if f.copies.size > f.weights.size:
-        f.copies[f.weights.size + to] = f.copies[f.weights.size + i]
     for j in range(STATES):
         f.means[to, j] = f.means[i, j]
         for k in range(STATES):

@@ -297,7 +297,7 @@ def _check_kinds(s: Sections) -> None:
         _check_options_of_two(s)
     if s.floor.has_surface:
         _check_surface(s)
-    strategy, task = _strategy_of(s), s.task.entry
+    strategy, task = s.strategy.entry, s.task.entry
     if strategy is None or task is None:  # its code is not loaded
         return
     if readings > 2 and not strategy.many_readings:
@@ -430,17 +430,9 @@ def _check_options_of_two(s: Sections) -> None:
     _check_bias(s, why)
 
 
-def _strategy_of(s: Sections) -> Strategy | None:
-    """Return the strategy for the sensor's kinds and classes, None if its code or that of the sensor is not loaded."""
-    known: Strategy | None = s.strategy.entry
-    if known is None or s.sensor.entry is None:
-        return known
-    return known.for_kinds(s.sensor)
-
-
 def is_neutral_at_half_only(s: Sections) -> bool:
     """Return whether a scenario's strategy works only if the boundary of readings is 1/2; False if it is not loaded."""
-    known = _strategy_of(s)
+    known: Strategy | None = s.strategy.entry
     return known is not None and bool(known.boundary_half)
 
 
@@ -558,7 +550,7 @@ def _check_faults(s: Sections) -> None:
             f"{s.faults.stuck_class}",
             field="faults.stuck_class",
         )
-    known = _strategy_of(s)
+    known: Strategy | None = s.strategy.entry
     if s.faults.opposite and known is not None and not known.has_opposite:
         raise InputError(
             f"messages of '{s.strategy.name}' have no opposite: no field bit or kind, and no function opposite",
@@ -568,11 +560,7 @@ def _check_faults(s: Sections) -> None:
 
 def _check_strategy(s: Sections) -> None:
     """Refuse parameters of the strategy that do not go together, or not with the boundary."""
-    known = _strategy_of(s)
-    if known is not None and known.variant is not None:
-        # ``variant`` raises an ``InputError`` if they do not; the strategy that it returns is not needed here. Sizes of
-        # 0 leave out the check of the message's size, which ``agents.strategy_used`` makes with true sizes.
-        known.variant(s.strategy.params, {"tiles": 0, "longest_mm": 0})
+    known: Strategy | None = s.strategy.entry
     if known is not None:
         _own_check(known, known.check, s.strategy.params, s.decision.decision_boundary)
 

@@ -171,13 +171,8 @@ class Strategy(Plugin):
         knows_error_rates: whether robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
         reads_details: whether ``on_sample`` is given a ``DetailedReading`` in place of a ``Reading``. It has
             values if the parameter ``energies`` is True.
-        variant: a function of the parameters, and of sizes (those that arrays may have, and the arena's
-            ``longest_mm``). It returns the strategy that runs in place of this one: the same strategy, or one with the
-            same parameters and other hooks, so that options that are off cost no time.
         check: a function of the parameters and ``decision.decision_boundary``, called when a scenario is made. It
             raises an ``InputError`` if robots cannot be asked that.
-        of_many: the strategy that runs in place of this one if there are more than two kinds of tile or classes of
-            readings: with the same parameters, and other hooks.
     """
 
     state: type
@@ -203,18 +198,7 @@ class Strategy(Plugin):
     answers_kinds: bool = False
     knows_error_rates: bool = False
     reads_details: bool = False
-    variant: Callable[[Any, Mapping[str, int]], Strategy] | None = None
     check: Callable[[Any, float], None] | None = None
-    of_many: Strategy | None = None
-
-    def for_kinds(self, sensor: Any) -> Strategy:
-        """Return the strategy that runs with the numbers of kinds of tile and of classes of readings of a sensor.
-
-        Args:
-            sensor: the section of a scenario.
-        """
-        # A user's sensor counts both; most strategies need not know.
-        return self if self.of_many is None or max(sensor.kinds, sensor.readings) == 2 else self.of_many
 
     def __post_init__(self) -> None:
         """Check name, message size and hooks, and replace the class of parameters (``Plugin``).

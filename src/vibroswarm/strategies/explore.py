@@ -11,7 +11,7 @@ tile for those of several tiles around it.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| map | p_t | - | as of ``places``, with the likeliest pair of error rates |
+| map | p_t | - | as of ``places`` |
 | uncertainty of tile t | U_t | - | p_t (1 - p_t), halved for ``recent_s`` after an own sample or a message's target |
 | step | d | m | moving average of the distance between two samples, with a memory of 8 samples; it begins at 15 cm |
 | unsure of its place | - | - | standard deviation above ``sure_within`` times the shorter side of a tile |
@@ -30,7 +30,6 @@ the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Annotated, Final
 
 from pydantic import Field
@@ -38,7 +37,7 @@ from pydantic import Field
 from vibroswarm.strategies import places
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
-from vibroswarm.strategies.place_map import logistic, pairs_of, total_odds
+from vibroswarm.strategies.place_map import logistic, total_odds
 from vibroswarm.strategies.places import begin as begin_map
 from vibroswarm.strategies.places import belief
 from vibroswarm.strategies.places import on_message as add_heard
@@ -93,7 +92,7 @@ class Choice:
     ] = 0.25
 
 
-class Params(places.MapParams, Choice):
+class Params(places.Params, Choice):
     """Those of ``places``, and how to choose a direction."""
 
 
@@ -194,12 +193,8 @@ def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
     s.target, s.turn_rad = -1, 0.0
     if x.spread_m > p.sure_within * min(w.tile_width_m, w.tile_height_m):
         return
-    likeliest = 0  # index of the likeliest pair of error rates
-    for k in range(1, pairs_of(p)):
-        if a.credence[k] > a.credence[likeliest]:
-            likeliest = k
     for t in range(w.rows * w.columns):
-        probability = logistic(total_odds(a, likeliest, t, w) + a.prior_odds[0])
+        probability = logistic(total_odds(a, t, w) + a.prior_odds[0])
         a.uncertainty[t] = probability * (1.0 - probability)
         if x.t_s - a.visited_s[t] < p.recent_s:
             a.uncertainty[t] *= 0.5
@@ -240,7 +235,6 @@ explore = register(
         bytes_on_air=9,
         knows_error_rates=True,
         reports=("p", "weight"),
-        check=partial(places.check, strategy="explore"),
         about="explore: places, whose robots drive to where their map is least sure",
     )
 )

@@ -4,9 +4,8 @@
 |---|---|---|---|
 | memory | T | s | evidence that is T old counts exp(-1) |
 | evidence of sender j on tile t | l_jt | - | at each own sample, s seconds after the one before: l_jt exp(-s / T) |
-| evidence of a pair of rates | e_k | - | likewise |
 
-All else is as in ``places``, without its options for messages. The decision may change if ``decision.revise`` is set.
+All else is as in ``places``. The decision may change if ``decision.revise`` is set.
 A floor that changes contradicts all senders at once: set ``trust_limit`` to 1000 and ``broken_prior`` to 0, unless
 robots may fail.
 
@@ -18,7 +17,6 @@ the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Annotated
 
 from pydantic import Field
@@ -26,7 +24,6 @@ from pydantic import Field
 from vibroswarm.strategies import places
 from vibroswarm.strategies.base import register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
-from vibroswarm.strategies.place_map import pairs_of
 from vibroswarm.strategies.places import Message, belief
 from vibroswarm.strategies.places import begin as begin_map
 from vibroswarm.strategies.places import on_message as add_heard
@@ -45,12 +42,12 @@ class Memory:
         Field(
             gt=0,
             le=1e9,
-            description="Time after which evidence on a tile, or on a pair of rates, counts 1/e, s.",
+            description="Time after which evidence on a tile counts 1/e, s.",
         ),
     ] = 600.0
 
 
-class Params(places.MapParams, Memory):
+class Params(places.Params, Memory):
     """Those of ``places``, and how long evidence counts."""
 
 
@@ -82,11 +79,8 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     """Let the map fade, add an earlier sample to it and send that, and decide, again if decisions may change."""
     kept = math.exp(-(x.t_s - s.sampled_s) / p.memory_s)
     s.sampled_s = x.t_s
-    pairs = pairs_of(p)
-    for k in range(pairs * w.robots * w.rows * w.columns):
+    for k in range(w.robots * w.rows * w.columns):
         a.odds[k] *= kept
-    for k in range(pairs):
-        a.evidence[k] *= kept
     before = s.decision
     if w.revise:
         s.decision = -1  # so that places decides again; without a new decision the old one stays
@@ -103,7 +97,6 @@ fading = register(
         bytes_on_air=8,
         knows_error_rates=True,
         revises=True,
-        check=partial(places.check, strategy="fading"),
         reports=("p", "weight"),
         about="fading: places, whose evidence on each tile decays with time",
     )

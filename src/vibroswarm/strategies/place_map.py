@@ -1,27 +1,19 @@
-"""The map of ``places``: share of a place on each tile, log odds of tiles, pairs of error rates, and the score.
+"""The map of ``places``: share of a place on each tile, log odds of tiles, and the score.
 
 ``places`` defines the symbols; this module adds:
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| pair of rates | k | - | error rates told to the robot, each as it is or shifted by +- 0.7 in log odds; \
-pair 0 is as told |
-| evidence of a pair | e_k | - | sum over readings of w_j ln P(r), P(r) = sum over t of q_t m_t by that pair's map |
-| probability of a pair | c_k | - | exp(e_k) / sum |
-| vibrating tiles | n | - | sum over k of c_k n_k, n_k = sum p_t |
-| its variance | - | - | sum over k of c_k (v sum p_t (1 - p_t) + (n_k - n)^2) |
+| probability of a reading | P(r) | - | sum over t of q_t m_t |
 | near an edge | - | - | within ``edge_reach_m`` of several tiles vibration is felt if any of them vibrates |
-
-With true places and one sender e_k is the exact log probability of all readings, if each tile vibrates with
-probability 1/2.
 
 A place is a normal distribution in x and y, so it has a share on each column and row. ``of_column[2 c]`` is its share
 on column c, ``of_column[2 c + 1]`` its share on the strip around the edge between columns c and c + 1, where vibration
 of either is felt. ``of_row`` is the same for rows, from the top. Products of both, divided by ``of_all[0]``, sum to 1.
 
 Arguments: ``a`` is the robot's arrays, changed in place, ``p`` the parameters, ``w`` what the robot knows. ``a.odds``
-holds the evidence l of ``places``: pair by pair, in each pair sender by sender, tiles last. ``a.prior_odds[0]`` holds
-the log odds of a tile of which nothing is known: 0, unless tiles share a prior (``place_share``).
+holds the evidence l of ``places``: sender by sender, tiles last. ``a.prior_odds[0]`` holds the log odds of a tile of
+which nothing is known: 0, unless tiles share a prior (``place_share``).
 
 Functions here are compiled with each kernel and never cached alone, because generated modules define the types of
 their arguments.
@@ -42,18 +34,12 @@ from vibroswarm.strategies.world import World
 
 WITH_MAP: Final = ("places", "explore", "fading")
 """Strategies whose robots keep such a map."""
-PAIRS: Final = 9
-"""Number of pairs of error rates: three values of each of the two rates."""
 FAR: Final = 4.0
 """Standard deviations beyond which tiles have no share of a place."""
 LEAST_SPREAD_M: Final = 1e-4
 """Least standard deviation of a place: true places have 0, by which shares cannot be computed."""
 RATE: Final = 1e-3
 """Least error rate: with a rate of 0 one reading could outweigh all others."""
-RATE_STEP: Final = 0.7
-"""Step between the values of an error rate that are compared, in log odds."""
-LEAST_CREDENCE: Final = 1e-6
-"""Pairs less probable than this are left out of the score."""
 
 
 class TileArrays:
@@ -67,84 +53,33 @@ class TileArrays:
 
 
 @inlined_uncached
-def pairs_of(p: Row) -> int:
-    """Return the number of pairs of error rates that are weighed."""
-    return PAIRS if p.rate_pairs else 1
-
-
-@inlined_uncached
 def logistic(odds: float) -> float:
     """Return the probability that has these log odds, limited so that exp() does not overflow."""
     return 1.0 / (1.0 + math.exp(-min(max(odds, -500.0), 500.0)))
 
 
 @inlined_uncached
-def rate_of(told: float, third: int, p: Row) -> float:
-    """Return one of the three values of an error rate that are compared: as told, a step higher, or a step lower.
-
-    Args:
-        told: the rate told to the robot. third: which value: 0: as told, 1: higher by ``RATE_STEP`` in log odds, 2:
-            lower by ``RATE_STEP``.
-    """
-    if third == 0:
-        return told
-    # Rates of 0 and 1 have no log odds.
-    rate = min(max(told, RATE), 1.0 - RATE)
-    steps = 1.0 if third == 1 else -1.0
-    return logistic(math.log(rate / (1.0 - rate)) + RATE_STEP * steps)
-
-
-@inlined_uncached
-def weigh_pairs(a: Row, pairs: int) -> None:
-    """Set ``a.credence``, the probabilities c_k of all ``pairs`` pairs of rates, from their evidence ``a.evidence``."""
-    # Evidence is taken relative to the largest, and limited, so that exp() neither overflows nor underflows.
-    best, total = a.evidence[0], 0.0
-    for k in range(1, pairs):
-        best = max(best, a.evidence[k])
-    for k in range(pairs):
-        a.credence[k] = math.exp(max(a.evidence[k] - best, -500.0))
-        total += a.credence[k]
-    for k in range(pairs):
-        a.credence[k] /= total
-
-
-@inlined_uncached
-def total_odds(a: Row, pair: int, tile: int, w: World) -> float:
-    """Return the log odds that a tile vibrates, by the map of a pair of rates: the weighted evidence of all senders."""
+def total_odds(a: Row, tile: int, w: World) -> float:
+    """Return the log odds that a tile vibrates: the weighted evidence of all senders."""
     total, tiles = 0.0, w.rows * w.columns
     for j in range(w.robots):
-        total += a.weight[j] * a.odds[(pair * w.robots + j) * tiles + tile]
+        total += a.weight[j] * a.odds[j * tiles + tile]
     return total
 
 
 @inlined_uncached
 def score(a: Row, p: Row, w: World) -> float:
-    """Return the score z, from the maps of all pairs of rates; z > 0 if fewer tiles than the boundary's share vibrate.
+    """Return the score z; z > 0 if fewer tiles than the boundary's share vibrate.
 
-    ``mean`` is n of the table. Its variance is the sum of two parts: ``inside``, the mean variance within a map, and
-    the variance of n_k between maps. ``inside`` is kept above 0, because the score is divided by the root of the sum.
+    The variance is kept above 0, because the score is divided by its root.
     """
     tiles = w.rows * w.columns
-    mean, squares, inside, all_credence = 0.0, 0.0, 0.0, 0.0
-    for k in range(pairs_of(p)):
-        credence = a.credence[k]
-        if credence < LEAST_CREDENCE:
-            continue
-        vibrating, variance = 0.0, 0.0
-        for t in range(tiles):
-            probability = logistic(total_odds(a, k, t, w))
-            vibrating += probability
-            variance += probability * (1.0 - probability)
-        # West (1979): updates of weighted mean and sum of squares that lose no precision by cancellation.
-        all_credence += credence
-        step = (vibrating - mean) * credence / all_credence
-        squares += credence * (vibrating - mean) * (vibrating - mean - step)
-        mean += step
-        inside += credence * variance
-    inside = max(inside / all_credence, 1e-12)
-    return (w.decision_boundary * tiles - mean) / math.sqrt(
-        p.variance_factor * inside + squares / all_credence
-    )
+    vibrating, variance = 0.0, 0.0
+    for t in range(tiles):
+        probability = logistic(total_odds(a, t, w))
+        vibrating += probability
+        variance += probability * (1.0 - probability)
+    return (w.decision_boundary * tiles - vibrating) / math.sqrt(p.variance_factor * max(variance, 1e-12))
 
 
 @inlined_uncached
@@ -235,10 +170,8 @@ def share_place(
 
 
 @inlined_uncached
-def add_reading(
-    a: Row, j: int, bit: int, left: int, right: int, upper: int, lower: int, p: Row, w: World
-) -> float:
-    """Add the evidence of a reading of sender ``j`` to the map of each pair of rates, and weigh the pairs again.
+def add_reading(a: Row, j: int, bit: int, left: int, right: int, upper: int, lower: int, w: World) -> float:
+    """Add the evidence of a reading of sender ``j`` to the map.
 
     Call ``share_place`` first: it writes the shares of the sample's place to ``a``.
 
@@ -246,56 +179,46 @@ def add_reading(
         bit: the reading. left, right: first and last column that have a share of the place, as ``share_place`` returns
             them. upper, lower: first and last row.
     Returns:
-        Probability of the reading by the map without the evidence of ``j``, averaged over pairs of rates.
+        Probability of the reading by the map without the evidence of ``j``.
     """
-    total_before, pairs, tiles = 0.0, pairs_of(p), w.rows * w.columns
-    # Pair k has value k % 3 of the false-positive rate and value k // 3 of the false-negative rate. If there is only
-    # pair 0, both rates are as told.
-    for k in range(pairs):
-        false_positive, false_negative = (
-            rate_of(w.false_positive, k % 3, p),
-            rate_of(w.false_negative, k // 3, p),
-        )
-        # Probability of the reading where vibration is felt, and where it is not.
-        if_vibrating = max(1.0 - false_negative, RATE) if bit == 1 else max(false_negative, RATE)
-        if_still = max(false_positive, RATE) if bit == 1 else max(1.0 - false_positive, RATE)
-        of_sender = (k * w.robots + j) * tiles
-        for r in range(upper, lower + 1):
-            for c in range(left, right + 1):
-                t = r * w.columns + c
-                odds = total_odds(a, k, t, w) + a.prior_odds[0]
-                a.p[t] = logistic(odds)
-                a.p_without[t] = logistic(odds - a.weight[j] * a.odds[of_sender + t])
-        # P(r), the probability of the reading at this place: ``expected`` by the map, ``before`` by the map without j.
-        # Even r and c are rows and columns, odd ones the strips around edges. The -1 of ``felt`` means that no tile is
-        # assumed to be still.
-        expected, before = 0.0, 0.0
-        for r in range(2 * upper, 2 * lower + 1):
-            for c in range(2 * left, 2 * right + 1):
-                share = a.of_column[c] * a.of_row[r] / a.of_all[0]
-                if share > 0.0:
-                    expected += share * (if_still + (if_vibrating - if_still) * felt(a.p, r, c, -1, w))
-                    before += share * (if_still + (if_vibrating - if_still) * felt(a.p_without, r, c, -1, w))
-        total_before += a.credence[k] * before
-        a.evidence[k] += a.weight[j] * math.log(expected)
-        for row in range(upper, lower + 1):
-            for column in range(left, right + 1):
-                t = row * w.columns + column
-                # Part of P(r) from places on tile t or its edges: by the map as it is (own), if t vibrates, and if t is
-                # still (``felt`` then takes t as still).
-                own, vibrating, still = 0.0, 0.0, 0.0
-                # Entries of the tile: its row and column, and the strips on both sides, as far as they have shares.
-                for r in range(max(2 * row - 1, 2 * upper), min(2 * row + 1, 2 * lower) + 1):
-                    for c in range(max(2 * column - 1, 2 * left), min(2 * column + 1, 2 * right) + 1):
-                        share = a.of_column[c] * a.of_row[r] / a.of_all[0]
-                        if share > 0.0:
-                            own += share * (if_still + (if_vibrating - if_still) * felt(a.p, r, c, -1, w))
-                            vibrating += share * if_vibrating
-                            still += share * (if_still + (if_vibrating - if_still) * felt(a.p, r, c, t, w))
-                rest = max(expected - own, 0.0)  # R_t, from all other places; rounding could make it negative
-                a.odds[of_sender + t] += math.log((vibrating + rest) / (still + rest))
-    weigh_pairs(a, pairs)
-    return total_before
+    tiles = w.rows * w.columns
+    # Probability of the reading where vibration is felt, and where it is not.
+    if_vibrating = max(1.0 - w.false_negative, RATE) if bit == 1 else max(w.false_negative, RATE)
+    if_still = max(w.false_positive, RATE) if bit == 1 else max(1.0 - w.false_positive, RATE)
+    of_sender = j * tiles
+    for r in range(upper, lower + 1):
+        for c in range(left, right + 1):
+            t = r * w.columns + c
+            odds = total_odds(a, t, w) + a.prior_odds[0]
+            a.p[t] = logistic(odds)
+            a.p_without[t] = logistic(odds - a.weight[j] * a.odds[of_sender + t])
+    # P(r), the probability of the reading at this place: ``expected`` by the map, ``before`` by the map without j.
+    # Even r and c are rows and columns, odd ones the strips around edges. The -1 of ``felt`` means that no tile is
+    # assumed to be still.
+    expected, before = 0.0, 0.0
+    for r in range(2 * upper, 2 * lower + 1):
+        for c in range(2 * left, 2 * right + 1):
+            share = a.of_column[c] * a.of_row[r] / a.of_all[0]
+            if share > 0.0:
+                expected += share * (if_still + (if_vibrating - if_still) * felt(a.p, r, c, -1, w))
+                before += share * (if_still + (if_vibrating - if_still) * felt(a.p_without, r, c, -1, w))
+    for row in range(upper, lower + 1):
+        for column in range(left, right + 1):
+            t = row * w.columns + column
+            # Part of P(r) from places on tile t or its edges: by the map as it is (own), if t vibrates, and if t is
+            # still (``felt`` then takes t as still).
+            own, vibrating, still = 0.0, 0.0, 0.0
+            # Entries of the tile: its row and column, and the strips on both sides, as far as they have shares.
+            for r in range(max(2 * row - 1, 2 * upper), min(2 * row + 1, 2 * lower) + 1):
+                for c in range(max(2 * column - 1, 2 * left), min(2 * column + 1, 2 * right) + 1):
+                    share = a.of_column[c] * a.of_row[r] / a.of_all[0]
+                    if share > 0.0:
+                        own += share * (if_still + (if_vibrating - if_still) * felt(a.p, r, c, -1, w))
+                        vibrating += share * if_vibrating
+                        still += share * (if_still + (if_vibrating - if_still) * felt(a.p, r, c, t, w))
+            rest = max(expected - own, 0.0)  # R_t, from all other places; rounding could make it negative
+            a.odds[of_sender + t] += math.log((vibrating + rest) / (still + rest))
+    return before
 
 
 @inlined_uncached

@@ -60,7 +60,7 @@ def prior_shape(median: float) -> float:
 
 @inlined_uncached
 def count_posterior(a: Row, p: Row, w: World) -> tuple[float, float, float]:
-    """Return what a robot believes of the number K of vibrating tiles, by its map for the error rates as told.
+    """Return what a robot believes of the number K of vibrating tiles, by its map.
 
     ``a.p`` is used as scratch: entry K - 1 holds E_K.
 
@@ -71,7 +71,7 @@ def count_posterior(a: Row, p: Row, w: World) -> tuple[float, float, float]:
     none = 1.0  # E_0
     for t in range(tiles):
         # Both likelihoods of the tile, if it is still and if it vibrates, divided by the larger.
-        odds = total_odds(a, 0, t, w)
+        odds = total_odds(a, t, w)
         still, vibrating = (
             math.exp(-min(max(odds, 0.0), MOST_ODDS)),
             math.exp(max(min(odds, 0.0), -MOST_ODDS)),

@@ -1,6 +1,6 @@
 """What a robot remembers of the samples that it adds to its map, and how it judges their senders.
 
-For ``places`` and its variants; symbols and equations are those of the table in ``places``.
+Symbols and equations are those of the table in ``places``.
 """
 
 from __future__ import annotations

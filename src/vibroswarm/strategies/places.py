@@ -1,8 +1,5 @@
 """Places: a robot sends where it took each sample, and builds a map of the floor, whose grid of tiles it is told.
 
-With ``rate_pairs`` it compares nine pairs of error rates by evidence, with one map per pair: ``place_map``. With a
-sensor of more than two kinds or classes ``place_kinds`` runs in its place, and decides which kind is the most common.
-
 Estimated places are those of ``localisation``. A later estimate of a place is better, so a sample is sent
 ``localisation.lag`` samples after it was taken. With ``localisation.method`` "true" robots know their places, and a
 sample is sent at once.
@@ -31,7 +28,7 @@ readings lose the fraction 1 / 60 of their weight in surprise, suspicion and cou
 
 - Message: sender and reading (1 byte), number (1), x and y to 1 mm (2 each), standard deviations to 1 mm (1 each): 8
   bytes, sent once the place is known. Standard deviations above 255 mm, of robots that have lost their place, are sent
-  too, although a byte does not hold them. For other messages see ``place_samples`` and ``place_summaries``.
+  too, although a byte does not hold them.
 - Error rates count as 1e-3 at least, and so do the probabilities by which senders are judged.
 - What a robot is told about its task: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below
   1, and how far beyond edges vibration is felt if ``edge_reach_m`` is above 0.
@@ -48,26 +45,14 @@ the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Final
+from typing import Annotated
 
 from pydantic import Field
 
 from vibroswarm.core.jit import inlined
-from vibroswarm.errors import InputError
-from vibroswarm.strategies import place_kinds
-from vibroswarm.strategies.base import Strategy, array, register, strategy_in
+from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
-from vibroswarm.strategies.place_map import (
-    TileArrays,
-    add_reading,
-    pairs_of,
-    score,
-    score_at,
-    share_place,
-    weigh_pairs,
-)
-from vibroswarm.strategies.place_options import with_options
+from vibroswarm.strategies.place_map import TileArrays, add_reading, score, score_at, share_place
 from vibroswarm.strategies.place_share import learn_share, score_asked, tiles_share
 from vibroswarm.strategies.place_trust import State, TrustArrays, judge, rounded
 from vibroswarm.strategies.world import Draws, Reading, World
@@ -107,7 +92,7 @@ def fill_message(s: Row, x: Reading, out: Row) -> bool:
     return True
 
 
-class MapParams:
+class Params:
     """Caution, patience and trust."""
 
     variance_factor: Annotated[
@@ -136,10 +121,6 @@ class MapParams:
             description="Share of robots presumed to read alike everywhere; 0: none. For stuck sensors.",
         ),
     ] = 0.1
-    rate_pairs: Annotated[
-        bool,
-        Field(description="Whether nine pairs of error rates, around those stated, are weighed by evidence."),
-    ] = False
     prior_median: Annotated[
         float,
         Field(
@@ -159,66 +140,24 @@ class MapParams:
     ] = 0.0
 
 
-class Options:
-    """What else messages may hold."""
+class OddsArrays:
+    """Log odds of each tile by sender, and prior log odds."""
 
-    energies: Annotated[
-        bool,
-        Field(
-            description="Whether messages hold the log likelihood ratio of a reading's energy, whose laws on both "
-            "kinds of tile robots know, in place of a bit."
-        ),
-    ] = False
-    draws: Annotated[
-        int,
-        Field(
-            ge=0,
-            le=4,
-            description="Draws of the place in each message, each along one path, and as many maps: 2 to 4; 0: mean "
-            "and spread.",
-        ),
-    ] = 0
-    share_map: Annotated[
-        bool,
-        Field(
-            description="Whether robots send their own map, a byte a tile, in place of samples: at most 139 tiles."
-        ),
-    ] = False
-    map_every: Annotated[
-        int,
-        Field(
-            ge=1,
-            le=10**6,
-            description="With share_map, a map is sent after this many own samples: a larger number sends less.",
-        ),
-    ] = 1
-
-
-class Params(MapParams, Options):
-    """Caution, patience and trust, and what else messages may hold."""
-
-
-class PairArrays:
-    """Log odds of each tile by pair of rates and sender, evidence and probability of each pair, prior log odds."""
-
-    odds = array("float64", "9*robots*tiles")
-    evidence = array("float64", "9")
-    credence = array("float64", "9")
+    odds = array("float64", "robots*tiles")
     prior_odds = array("float64", "1")
 
 
-class Arrays(TileArrays, TrustArrays, PairArrays):
-    """Maps, trust in senders, and the tiles of a sample's place."""
+class Arrays(TileArrays, TrustArrays, OddsArrays):
+    """The map, trust in senders, and the tiles of a sample's place."""
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Begin with an empty map, undecided, with equal weights of senders and equal probabilities of pairs of rates."""
+    """Begin with an empty map, undecided, with equal weights of senders."""
     # -1: undecided. ``s.needed`` is the absolute score at which the belief in either side reaches the threshold.
     s.decision, s.needed = -1, score_at(w.credible_threshold)
     # Before any reading the weight is the prior probability that a sender is not broken.
     for j in range(w.robots):
         a.weight[j] = 1.0 - p.broken_prior
-    weigh_pairs(a, pairs_of(p))
     if tiles_share(p, w):
         learn_share(a, p, w)
 
@@ -281,42 +220,8 @@ def add_sample(
     if right < left:
         return  # the place is off the floor
     # ``add_reading`` returns the reading's probability by the map without the evidence of j, by which j is judged.
-    judge(a, j, bit, add_reading(a, j, bit, left, right, upper, lower, p, w), p)
+    judge(a, j, bit, add_reading(a, j, bit, left, right, upper, lower, w), p)
 
-
-def variant(p: Any, sizes: Mapping[str, int]) -> Strategy:
-    """Return the strategy that runs with these parameters: ``places`` itself, or its variant with the options on.
-
-    Args:
-        p: ``Params``. sizes: "tiles", number of tiles, and "longest_mm", longer side of the arena.
-    Raises:
-        InputError: options do not go together, ``draws`` is 1, or the message would be too large.
-    """
-    if not (p.energies or p.draws or p.share_map):
-        return places
-    return with_options(places, p, sizes)
-
-
-def check(p: Any, boundary: float, strategy: str = "places") -> None:
-    """Refuse options that do not go with a prior that tiles share.
-
-    Args:
-        p: parameters of ``strategy``, which is "places" or "explore". boundary: ``decision.decision_boundary``.
-    Raises:
-        InputError: the boundary or the prior's median is not 1/2, and an option is on.
-    """
-    if boundary == 0.5 and p.prior_median in (0.0, 0.5):
-        return
-    for name in ("rate_pairs", "energies", "draws", "share_map"):
-        if getattr(p, name, False):
-            raise InputError(
-                f"goes with a boundary (decision.decision_boundary) and a prior_median of 1/2 only, here {boundary:g} "
-                f"and {p.prior_median or boundary:g}; leave it out",
-                field=f"strategy.{strategy}.{name}",
-            )
-
-
-ABOUT: Final = "places: robots send where they sampled, and map a floor whose grid of tiles is known"
 
 places = register(
     strategy_in(
@@ -324,21 +229,7 @@ places = register(
         "places",
         bytes_on_air=8,
         knows_error_rates=True,
-        variant=variant,
-        check=check,
         reports=("p", "weight"),
-        about=ABOUT,
-        of_many=strategy_in(
-            place_kinds.__name__,
-            "places",
-            params=Params,
-            bytes_on_air=9,
-            knows_error_rates=True,
-            answers_kinds=True,
-            boundary_half=False,  # ``check`` refuses another boundary
-            check=place_kinds.check,
-            reports=("by_kind", "weight"),
-            about=ABOUT,
-        ),
+        about="places: robots send where they sampled, and map a floor whose grid of tiles is known",
     )
 )

@@ -122,7 +122,7 @@ class Reading(NamedTuple):
 
 
 class DetailedReading(NamedTuple):
-    """An own sample for a strategy that ``reads_details``: a ``Reading``, its value and draws of its place.
+    """An own sample for a strategy that ``reads_details``: a ``Reading`` and its value.
 
     The fields up to ``lagged_spread_y_m`` are those of ``Reading``.
     """
@@ -158,10 +158,6 @@ class DetailedReading(NamedTuple):
     value: float
     """What the sample measured, the first of several numbers, whatever a fault made of the reading; nan if it is not
     computed."""
-    draws_m: NDArray[np.float64]
-    """(2 draws + 2,): x and y of the lagged sample on each of several paths that the robot may have gone, then the
-    spreads in x and y that are left (``robot.place_draws``); empty if robots know their true positions, or if the
-    strategy reads none."""
 
 
 class Draws(NamedTuple):

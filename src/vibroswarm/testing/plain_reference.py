@@ -388,7 +388,7 @@ class _Plain:
         )  # fmt: skip
         if self.strategy.reads_details:
             value, log_ratio = self.weighed[k]
-            x = DetailedReading(**x._asdict(), log_ratio=log_ratio, value=value, draws_m=np.empty(0))
+            x = DetailedReading(**x._asdict(), log_ratio=log_ratio, value=value)
         sends = self.strategy.on_sample(robot.state, robot.arrays, x, out, draws, self.params, robot.world)
         robot.samples += 1
         self.ask(robot, tick, row["time_s"])
