@@ -14,7 +14,6 @@ import io
 import math
 import re
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
@@ -25,7 +24,7 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.numbers import percent, stated, whole
 from vibroswarm.core.untrusted_files import read_bytes
 from vibroswarm.errors import InputError, check_flags, named, number_of, path_of, warn_once
-from vibroswarm.floors.floor import KIND_LIMIT, TILE_LIMIT, as_tiles, rows_of
+from vibroswarm.floors.floor import TILE_LIMIT, as_tiles, rows_of
 from vibroswarm.floors.grid_text import MAX_LINES, Size, read_text
 from vibroswarm.floors.surfaces import steps_of
 
@@ -137,50 +136,6 @@ def read_values(
             f"holds {values.shape[0]} x {values.shape[1]} tiles, not {size[0]} x {size[1]}", field=name
         )
     return values
-
-
-NEAREST: Final = 60.0
-"""Largest distance of a pixel's colour from one of a palette, in steps of 255 along red, green and blue."""
-
-
-def read_palette(path: Path | str, colours: Sequence[str], size: Size | None = None) -> NDArray[np.uint8]:
-    """Read the kinds of tile of a PNG picture in which each kind has a colour; a tile is what most of its pixels are.
-
-    Args:
-        colours: of the kinds 0, 1 and so on, as RRGGBB. size: rows and columns, into which the picture is divided;
-            None: each pixel is a tile.
-    Raises:
-        InputError: the file is no picture, a colour is none or given twice, or a pixel is near no colour.
-    """
-    name = str(path)
-    distinct = {one.lstrip("#").lower() for one in colours}
-    if len(distinct) < len(colours) or not all(re.fullmatch(r"#?[0-9a-fA-F]{6}", one) for one in colours):
-        raise InputError(
-            f"{', '.join(colours)}: give a colour for each kind, once, as RRGGBB", field="floor.source"
-        )
-    if not 2 <= len(colours) <= KIND_LIMIT:
-        raise InputError(f"{len(colours)} colours; give 2 to {KIND_LIMIT}", field="floor.source")
-    data = read_bytes(Path(path), FILE_LIMIT, "a floor")
-    picture = _picture(data, name)
-    levels, full = _grey_levels(picture, name)
-    if full == WHITE:
-        pixels = np.asarray(picture.convert("RGB"), dtype=np.float64)
-    else:  # convert("RGB") would clip a grey picture of 16 bits as convert("L") does
-        pixels = np.stack([levels * (WHITE / full)] * 3, axis=2)
-    palette = np.array([[int(one.lstrip("#")[k : k + 2], 16) for k in (0, 2, 4)] for one in colours])
-    apart = np.stack([np.sqrt(((pixels - colour) ** 2).sum(axis=2)) for colour in palette])
-    kinds = apart.argmin(axis=0)
-    if apart.min(axis=0).max() > NEAREST:
-        row, column = np.unravel_index(int(apart.min(axis=0).argmax()), kinds.shape)
-        red, green, blue = pixels[row, column].astype(int).tolist()
-        raise InputError(
-            f"the pixel in row {row + 1}, column {column + 1} has the colour {red:02x}{green:02x}{blue:02x}, which is "
-            "near none of the palette",
-            field=name,
-        )
-    rows, columns = size or levels.shape
-    shares = [_means((kinds == kind).astype(np.int64), (rows, columns), name) for kind in range(len(colours))]
-    return as_tiles(np.argmax(shares, axis=0))
 
 
 @named("path", of="--out")

@@ -8,7 +8,6 @@
 | ``random:0.4,0.36,0.24`` | shares of the kinds 0, 1, 2 of tile at random places, likewise |
 | ``patch:0.10``, ``gradient:0.2..0.8``, ``hill:0.3,0.6,0.2``, ``field:2`` | patches and values, see ``surfaces`` |
 | ``floors/mine.csv`` | a file, see ``io`` |
-| ``palette:ffffff,0000ff,ff0000:mine.png`` | a picture; these colours are the kinds 0, 1 and 2 |
 | ``values:floors/mine.csv`` | a file of numbers from 0 to 1, or a grey picture |
 | ``values:3..12:floors/mine.csv`` | a file of numbers from 3 to 12, which are the values 0 and 1 |
 
@@ -36,7 +35,7 @@ from vibroswarm.core.rng import SEED_LIMIT, shuffled
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import KIND_LIMIT, as_tiles, check_size
 from vibroswarm.floors.grid_text import Size
-from vibroswarm.floors.io import THRESHOLD, read_palette, read_tiles, read_values
+from vibroswarm.floors.io import THRESHOLD, read_tiles, read_values
 from vibroswarm.floors.surfaces import (
     EXAMPLES,
     PATCHES,
@@ -227,8 +226,6 @@ def resolve(
     """
     if (found := values_in(spec, tiles)) is not None:
         return kinds_of(steps_of(found[0])), found[1]
-    if spec.strip().lower().startswith(PALETTE_OF):
-        return _palette_tiles(spec, tiles)
     if is_generated(spec) or family(spec) is not None:
         rows, columns = tiles or DEFAULT_SIZE  # the size of a generated floor; a pattern has its own
         grid = named_tiles(spec, rows, columns, seed, run)
@@ -255,8 +252,6 @@ def resolve(
 
 VALUES_OF: Final = "values:"
 """What the name of a file with values of tiles begins with, as a floor."""
-PALETTE_OF: Final = "palette:"
-"""What the name of a picture with a colour for each kind of tile begins with, as a floor."""
 
 
 _SCALE: Final = re.compile(r"-?\d*\.?\d+\.\.-?\d*\.?\d+:")
@@ -265,9 +260,6 @@ _SCALE: Final = re.compile(r"-?\d*\.?\d+\.\.-?\d*\.?\d+:")
 def parts_of_file(spec: str) -> tuple[str, str]:
     """Return the name of a floor file in two parts: what stands before the path, such as ``values:3..12:``, and it."""
     text = spec.strip()
-    if text.lower().startswith(PALETTE_OF):
-        path = text[len(PALETTE_OF) :].partition(":")[2]
-        return text[: len(text) - len(path)], path
     if not text.lower().startswith(VALUES_OF):
         return "", spec
     first, path = text[: len(VALUES_OF)], text[len(VALUES_OF) :]
@@ -298,18 +290,6 @@ def values_in(spec: str, size: Size | None = None) -> tuple[tuple[tuple[float, .
     ends = tuple(map(float, scale.split(".."))) if scale else (0.0, 1.0)
     values = read_values(path, size, (ends[0], ends[1]))
     return tuple(tuple(row) for row in values.round(6).tolist()), Path(path).name
-
-
-def _palette_tiles(spec: str, size: Size | None) -> tuple[NDArray[np.uint8], str]:
-    """Return the tiles and the name of a picture such as ``palette:ffffff,0000ff,ff0000:mine.png``."""
-    colours, colon, path = spec.strip()[len(PALETTE_OF) :].partition(":")
-    if not colon or not path:
-        raise InputError(
-            f"'{spec}' is not a floor; give the colours of the kinds 0, 1 and so on, and a picture: "
-            "palette:ffffff,0000ff,ff0000:mine.png",
-            field=_FIELD,
-        )
-    return read_palette(path, [colour.strip() for colour in colours.split(",")], size), Path(path).name
 
 
 def surface_of(
