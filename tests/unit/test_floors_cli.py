@@ -38,6 +38,4 @@ def test_make_writes_what_it_made(capsys, tmp_path, suffix):
     rows = [[int(tile) for tile in row["row"]] for row in printed["tiles"]]
     assert np.array_equal(rows, read_tiles(path))
     assert "exists already" in refusal_of(capsys, "floors", *words, "--out", path)
-    assert "made: 10 x 12 tiles of which 54 vibrate" in output_of(
-        capsys, "floors", *words, "--out", path, "--force"
-    )
+    assert "10 x 12 tiles, 54 vibrating" in output_of(capsys, "floors", *words, "--out", path, "--force")

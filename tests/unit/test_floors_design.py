@@ -40,7 +40,7 @@ def test_clusters_kept_step_by_step_are_those_of_the_floor(rows, columns, cells)
 @given(st.integers(1, 7), st.integers(2, 7), st.data())
 def test_the_annealers_energy_is_that_of_its_floor(rows, columns, data):
     ones = data.draw(st.integers(1, rows * columns - 1))
-    goal = Goal(data.draw(st.floats(-1, 1)), data.draw(st.floats(0, 1)), 1.0, 2.0 if ones > 1 else 0.0)
+    goal = Goal(data.draw(st.floats(-1, 1)), data.draw(st.floats(0, 1)), 2.0 if ones > 1 else 0.0)
     start = next(constructions(rows, columns, ones))
     cells = np.pad(start.astype(np.int64), 1).ravel()
     best, energy = anneal(cells, rows, columns, goal, Schedule(0.1, 0.001, 300, 0.0), 5, 0)
@@ -89,7 +89,6 @@ def test_a_floor_is_as_asked(fill_ratio, moran, wanted):
     assert abs(made.difficulty.moran_index - moran) <= TOLERANCE
     assert wanted is None or abs(made.difficulty.entropy - wanted) <= TOLERANCE
     assert made.reached
-    assert made.words.startswith("made: 20 x 20 tiles")
 
 
 @pytest.mark.parametrize(("rows", "columns", "ones"), [(4, 4, 4), (3, 4, 6), (2, 7, 4)])
@@ -112,16 +111,9 @@ def test_on_small_floors_all_that_can_be_had_is_found(rows, columns, ones):
         assert made.reached == (nearest <= TOLERANCE), (moran, wanted)
 
 
-def test_what_cannot_be_had_is_said_with_the_nearest():
+def test_of_what_cannot_be_had_the_nearest_is_made():
     made = make_floor(20, 20, 0.48, 0.5, 0.2)
     assert not made.reached
-    assert made.words.startswith(
-        "not found: fill ratio 0.48 and Moran index 0.5 with entropy 0.2, each to 0.02"
-    )
-    assert (
-        f"The nearest found has fill ratio 0.48, Moran index {made.difficulty.moran_index:.3f}" in made.words
-    )
-    assert "the nearest entropy found is" in made.words
     assert 0.35 < made.difficulty.moran_index < 0.5
     assert 0.2 < made.difficulty.entropy < 0.42
 
@@ -130,7 +122,6 @@ def test_the_moran_index_alone_may_be_out_of_reach():
     made = make_floor(5, 5, 0.48, 0.95)
     assert not made.reached
     assert made.difficulty.moran_index == pytest.approx(0.69872, abs=1e-5)  # the highest of all 5,200,300
-    assert "entropy" not in made.words
 
 
 def test_a_fill_ratio_that_the_tiles_cannot_give_is_rounded_and_judged():
@@ -146,7 +137,6 @@ def test_a_fill_ratio_that_the_tiles_cannot_give_is_rounded_and_judged():
 def test_the_same_seed_makes_the_same_floor_and_another_another():
     first, again, other = (make_floor(12, 17, 0.45, 0.4, 0.7, seed) for seed in (5, 5, 6))
     assert np.array_equal(first.tiles, again.tiles)
-    assert first.words == again.words
     assert other.reached
     assert not np.array_equal(first.tiles, other.tiles)
 

@@ -76,19 +76,6 @@ def test_shares_of_kinds_alternate_as_their_numbers_allow():
     assert (np.diff(tiles, axis=0) == 0).sum() + (np.diff(tiles, axis=1) == 0).sum() < 10
 
 
-@pytest.mark.parametrize(
-    ("written", "name"),
-    [
-        ("Block_Diagonal:0.48", "block-diagonal:0.48"),
-        ("random_fixed:.46", "random-fixed:0.46"),
-        ("alternating:paper_0.46", "alternating:paper-0.46"),
-        ("STRIPE:0.460", "stripe:0.46"),
-    ],
-)
-def test_other_ways_to_write_a_name(written, name):
-    assert canonical(written) == name
-
-
 def test_a_pattern_may_be_changed_without_changing_the_next():
     first = pattern("stripe:0.48")
     first[:] = 0

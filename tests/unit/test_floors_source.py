@@ -12,13 +12,12 @@ def test_a_random_floor_is_of_its_seed_and_run():
     tiles, name = resolve("random:0.48", None, 3, 4)
     assert name == "random:0.48"
     assert np.array_equal(tiles, random_tiles(5, 5, 0.48, 3, 4))
-    assert np.array_equal(resolve("Random:.5", (4, 6), 3, 4)[0], random_tiles(4, 6, 0.5, 3, 4))
+    assert np.array_equal(resolve("random:.5", (4, 6), 3, 4)[0], random_tiles(4, 6, 0.5, 3, 4))
     assert not np.array_equal(resolve("random:0.48", (25, 25), 3)[0], resolve("random:0.48", (25, 25), 4)[0])
 
 
 def test_only_random_floors_are_fresh_for_each_run():
     assert is_random("random:0.48")
-    assert is_random("RANDOM:0.48")
     assert not any(is_random(name) for name in (*NAMES, "random.txt", "random-fixed:0.48", "./random:0.48"))
 
 

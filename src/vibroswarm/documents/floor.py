@@ -99,13 +99,13 @@ def design_document(design: FloorDesign, target: Mapping[str, float | None], dra
         target: the measures that were asked for, by name; None of one: any. drawing: of the tiles, in text.
     """
     asked = pl.DataFrame([dict(target)], schema=dict.fromkeys(target, pl.Float64))
-    made = _rows({"made": design.difficulty}).with_columns(
-        reached=pl.lit(design.reached), words=pl.lit(design.words)
-    )
+    made = _rows({"made": design.difficulty}).with_columns(reached=pl.lit(design.reached))
+    measures = _measures_in_words(design.difficulty)
+    words = f"{measures}." if design.reached else f"Not found; the nearest: {measures}."
     return Document(
         title="Floor made to order",
-        answer=(design.words,),
-        parts=(Text(drawing, "code"), _picture(design.tiles, design.words)),
+        answer=(words,),
+        parts=(Text(drawing, "code"), _picture(design.tiles, words)),
         data={"asked": asked, "floors": made, "tiles": pl.DataFrame({"row": rows_of(design.tiles)})},
     )
 

@@ -24,7 +24,7 @@ i, j and 0 for other pairs:
 | pairs2 | sum w_ij = W | - | 2 (rows (columns - 1) + columns (rows - 1)) |
 | Moran index | E_MI | - | (links2 - 2 f sides) / (W f (1 - f)) + f / (1 - f) |
 | entropy | E_e | - | S / (N_v log2 N_v), S as above |
-| energy | | - | hypot(moran_weight * (E_MI - its target), entropy_weight * (E_e - its target)) |
+| energy | | - | hypot(E_MI - its target, entropy_weight * (E_e - its target)) |
 
 A swap is accepted if the new energy is at most the old energy - temperature * log(u), with a uniform number u
 (Metropolis). The energy is at least its first term, that of the Moran index, which is cheap to compute. So many
@@ -190,15 +190,12 @@ def _groups_around(tile: Cells, stride: int, cell: int) -> int:
 
 
 class Goal(NamedTuple):
-    """Target values of the measures and the weights of their errors; if ``entropy_weight`` is 0, any entropy is
-    accepted."""
+    """Target values of the measures; if ``entropy_weight`` is 0, any entropy is accepted."""
 
     moran_index: float
     """Target of E_MI."""
     entropy: float
     """Target of E_e."""
-    moran_weight: float
-    """Weight of the error of E_MI in the energy."""
     entropy_weight: float
     """Weight of the error of E_e in the energy."""
 
@@ -309,7 +306,7 @@ def anneal(
     offset = fill / (1.0 - fill) - goal.moran_index
     most = max(count * math.log2(count), 1.0)  # S of a single cluster; not 0 if only one tile vibrates
     energy = math.hypot(
-        goal.moran_weight * ((links2 - 2.0 * fill * sides) * scale + offset),
+        (links2 - 2.0 * fill * sides) * scale + offset,
         goal.entropy_weight * (cluster_bits / most - goal.entropy),
     )
     best, best_energy = tile.copy(), energy
@@ -330,7 +327,7 @@ def anneal(
         adjacent = 1 if abs(q - p) == 1 or abs(q - p) == stride else 0
         gained = _vibrating_around(tile, stride, q) - adjacent - _vibrating_around(tile, stride, p)
         new_links2, new_sides = links2 + 2 * gained, sides + degree[q] - degree[p]
-        miss = goal.moran_weight * ((new_links2 - 2.0 * fill * new_sides) * scale + offset)
+        miss = (new_links2 - 2.0 * fill * new_sides) * scale + offset
         # limit: the largest energy at which this swap is accepted (Metropolis)
         limit = energy - temperature * math.log(uniform(seed, 0, 0, FLOOR, 2 * move + 1, 1 + search))
         if abs(miss) > limit:  # rejected by the Moran index alone

@@ -14,7 +14,6 @@ same floor. The "miss" of a floor is the larger error of its Moran index and its
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from numbers import Real
@@ -23,7 +22,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.numbers import number, stated
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.anneal import Goal, Schedule, anneal
 from vibroswarm.floors.difficulty import Difficulty, measure
@@ -78,8 +76,6 @@ _MOVES: Final = 150_000
 """Number of swaps that a search tries."""
 _LONGER: Final = 3
 """Number of swaps of a longer search, as a multiple of _MOVES."""
-_MUST_WEIGHT: Final = 20.0
-"""Weight of the measure that must be met, if the other measure, of weight 1, may miss its target."""
 _ENOUGH: Final = 0.002
 """Miss at which a search stops, well within the tolerance."""
 _REGULAR_STARTS: Final = 4
@@ -96,13 +92,11 @@ class FloorDesign:
         tiles: uint8, (rows, columns): the floor nearest to the targets that was found.
         difficulty: measures of this floor.
         reached: whether all targets are met within ``TOLERANCE``.
-        words: a sentence on the measures reached; if they miss the targets, also on other floors that were found.
     """
 
     tiles: NDArray[np.uint8]
     difficulty: Difficulty
     reached: bool
-    words: str
 
 
 @dataclass(frozen=True)
@@ -127,12 +121,12 @@ class _Target:
         slack = 1e-9  # rounding: |12 / 25 - 0.5| is slightly above 0.02 in double precision, and must pass
         return max(self.miss(found), abs(found.fill_ratio - self.fill_ratio)) <= TOLERANCE + slack
 
-    def goal(self, moran_weight: float = 1.0, entropy_weight: float = 1.0) -> Goal:
-        """Return the target of ``anneal``; if any entropy is accepted, the weights are not used."""
+    def goal(self) -> Goal:
+        """Return the target of ``anneal``."""
         if self.entropy is None:
             # With a weight of 0 the target entropy has no effect.
-            return Goal(self.moran_index, entropy=0.0, moran_weight=1.0, entropy_weight=0.0)
-        return Goal(self.moran_index, self.entropy, moran_weight, entropy_weight)
+            return Goal(self.moran_index, entropy=0.0, entropy_weight=0.0)
+        return Goal(self.moran_index, self.entropy, entropy_weight=1.0)
 
 
 class _Found(NamedTuple):
@@ -171,21 +165,12 @@ def make_floor(
         is_longer = moves > _MOVES
         if is_longer and best is not None and best.miss > _MENDABLE_MISS:
             continue  # the miss is too large for a longer search to help
-        best = _better(best, _anneal(target, target.goal(), start, first_temperature, moves, search))
+        found = _anneal(target, start, first_temperature, moves, search)
+        best = found if best is None or found.miss < best.miss else best
         if best.miss <= TOLERANCE:
             break
     assert best is not None  # there is at least one search, and the first ones are not longer searches
-    # If no floor meets both targets, look for floors that meet one target and are as near as possible to the other.
-    favouring = _favouring_each(target, best.tiles) if entropy is not None and best.miss > TOLERANCE else []
-    for candidate in favouring:
-        best = _better(best, candidate)
-    reached = target.is_met(best.difficulty)
-    words = _reached(target, best.difficulty) if reached else _nearest(target, best.difficulty, favouring)
-    return FloorDesign(best.tiles, best.difficulty, reached, words)
-
-
-def _better(one: _Found | None, other: _Found) -> _Found:
-    return other if one is None or other.miss < one.miss else one
+    return FloorDesign(best.tiles, best.difficulty, target.is_met(best.difficulty))
 
 
 def _target(
@@ -253,21 +238,7 @@ def _searches(target: _Target) -> Iterator[tuple[NDArray[np.uint8], float, int]]
     yield ranked[0][1], 1.0, _LONGER * _MOVES
 
 
-def _favouring_each(target: _Target, start: NDArray[np.uint8]) -> list[_Found]:
-    """Return two floors: one annealed to meet the Moran index, and one annealed to meet the entropy.
-
-    Each is annealed from ``start``, with the other measure as near to its target as possible.
-    """
-    weights = (_MUST_WEIGHT, 1.0), (1.0, _MUST_WEIGHT)  # weights of Moran index and entropy
-    hot = _MUST_WEIGHT  # the energy is larger by this factor, so the temperature is too
-    return [  # numbers 100 and 101: these searches use random numbers that no other search uses
-        _anneal(target, target.goal(*pair), start, hot, _MOVES, 100 + i) for i, pair in enumerate(weights)
-    ]
-
-
-def _anneal(
-    target: _Target, goal: Goal, start: NDArray[np.uint8], hot: float, moves: int, search: int
-) -> _Found:
+def _anneal(target: _Target, start: NDArray[np.uint8], hot: float, moves: int, search: int) -> _Found:
     """Run simulated annealing from a start floor; return the best floor with its measures.
 
     Args:
@@ -281,47 +252,7 @@ def _anneal(
     # The search ends cold: a swap that worsens the floor by one pair of neighbours is then practically never accepted.
     schedule = Schedule(hot=hot * step, cold=0.05 * step, moves=moves, enough=_ENOUGH)
     cells = np.pad(start.astype(np.int64), 1).ravel()  # with a border of still cells, as ``anneal`` needs
-    best, _ = anneal(cells, target.rows, target.columns, goal, schedule, target.seed, search)
+    best, _ = anneal(cells, target.rows, target.columns, target.goal(), schedule, target.seed, search)
     tiles = best.reshape(target.rows + 2, target.columns + 2)[1:-1, 1:-1].astype(np.uint8)
     difficulty = measure(tiles)
     return _Found(tiles, difficulty, target.miss(difficulty))
-
-
-def _reached(target: _Target, found: Difficulty) -> str:
-    """Return the sentence that a floor was made, with its measures; the entropy is nan if a single tile vibrates."""
-    return f"made: {_size(target)}, {_measures(found, has_entropy=not math.isnan(found.entropy))}"
-
-
-def _measures(found: Difficulty, *, has_entropy: bool) -> str:
-    entropy = f", entropy {number(found.entropy, 3)}" if has_entropy else ""
-    return f"fill ratio {number(found.fill_ratio, digits=4)}, Moran index {number(found.moran_index, 3)}{entropy}"
-
-
-def _nearest(target: _Target, found: Difficulty, favouring: list[_Found]) -> str:
-    """Return the sentences that the target was not reached, with the measures of the nearest floors.
-
-    Args:
-        found: measures of the nearest floor. favouring: the floor that favours the Moran index and the one that favours
-            the entropy; empty if any entropy is accepted, or if only the fill ratio misses its target.
-    """
-    with_entropy = "" if target.entropy is None else f" with entropy {stated(target.entropy)}"
-    words = (
-        f"not found: fill ratio {stated(target.fill_ratio)} and Moran index "
-        f"{stated(target.moran_index)}{with_entropy}, each to {stated(TOLERANCE)}, on {_size(target)}. The nearest "
-        f"found has {_measures(found, has_entropy=target.entropy is not None)}"
-    )
-    if favouring:
-        # Measures of the floor that favours the Moran index, and of the floor that favours the entropy.
-        (moran, its_entropy), (its_moran, entropy) = (
-            (number(floor.difficulty.moran_index, 3), number(floor.difficulty.entropy, 3))
-            for floor in favouring
-        )
-        words += (
-            f". With Moran index {moran} the nearest entropy found is {its_entropy}; with entropy {entropy} the "
-            f"nearest Moran index found is {its_moran}"
-        )
-    return words
-
-
-def _size(target: _Target) -> str:
-    return f"{target.rows} x {target.columns} tiles of which {target.ones} vibrate"

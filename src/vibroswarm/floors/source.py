@@ -86,8 +86,7 @@ def pattern(name: str) -> NDArray[np.uint8]:
     """Return the tiles of a named pattern, uint8 of shape (10, 10), top row first.
 
     Args:
-        name: one of ``NAMES``, also in another spelling that ``canonical`` accepts; or one of ``ORDERS`` with shares of
-            kinds.
+        name: one of ``NAMES``, or one of ``ORDERS`` with shares of kinds.
     Raises:
         InputError: no pattern has this name.
     """
@@ -141,9 +140,9 @@ def kinds_listed(source: str) -> int | None:
 def family(name: str) -> str | None:
     """Return the pattern that ``name`` refers to, without its fill ratio (``diagonal``); None if it is no pattern.
 
-    Only the part of ``name`` before the colon is read; case does not matter, and '_' may stand for '-'.
+    Only the part of ``name`` before the colon is read.
     """
-    known = name.partition(":")[0].strip().lower().replace("_", "-")
+    known = name.partition(":")[0].strip()
     return known if known in FAMILIES else None
 
 
@@ -153,7 +152,7 @@ def source_of(kind: str, *shares: float) -> str:
 
 
 def canonical(name: str) -> str:
-    """Return the element of ``NAMES`` that ``name`` means, for example ``diagonal:0.48`` for ``Diagonal:.48``.
+    """Return the name of a pattern; shares of kinds are written in their shortest form.
 
     Raises:
         InputError: there is no such pattern, or it does not exist at this fill ratio; the message lists what exists.
@@ -163,7 +162,7 @@ def canonical(name: str) -> str:
         raise InputError(
             f"'{name}' is not a pattern{nearest(name, NAMES)}; there are {', '.join(NAMES)}", field=_FIELD
         )
-    fill = name.partition(":")[2].strip().lower().replace("_", "-")
+    fill = name.partition(":")[2].strip()
     if "," in fill:
         if kind not in ORDERS:
             raise InputError(
@@ -172,21 +171,11 @@ def canonical(name: str) -> str:
             )
         return source_of(kind, *random_shares(name))
     fills = [known.partition(":")[2] for known in NAMES if known.startswith(f"{kind}:")]
-    if fill not in fills:  # it may be written in another way, such as .48
-        fill = next((known for known in fills if _same_number(known, fill)), fill)
     if fill not in fills:
         wrong = f"has no fill ratio '{fill}'" if fill else "needs a fill ratio"
         these = " or ".join(f"{kind}:{known}" for known in fills)
         raise InputError(f"'{name}' {wrong}; give {these}", field=_FIELD)
     return f"{kind}:{fill}"
-
-
-def _same_number(known: str, given: str) -> bool:
-    """Return whether two texts state the same number, as ``0.48`` and ``.480`` do; False if one is not a number."""
-    try:
-        return float(known) == float(given)
-    except ValueError:
-        return False
 
 
 RANDOM: Final = "random"
@@ -260,7 +249,7 @@ _SCALE: Final = re.compile(r"-?\d*\.?\d+\.\.-?\d*\.?\d+:")
 def parts_of_file(spec: str) -> tuple[str, str]:
     """Return the name of a floor file in two parts: what stands before the path, such as ``values:3..12:``, and it."""
     text = spec.strip()
-    if not text.lower().startswith(VALUES_OF):
+    if not text.startswith(VALUES_OF):
         return "", spec
     first, path = text[: len(VALUES_OF)], text[len(VALUES_OF) :]
     scale = _SCALE.match(path)
@@ -283,7 +272,7 @@ def values_in(spec: str, size: Size | None = None) -> tuple[tuple[tuple[float, .
     Raises:
         InputError: there is no such file, or it has no values.
     """
-    if not spec.strip().lower().startswith(VALUES_OF):
+    if not spec.strip().startswith(VALUES_OF):
         return None
     prefix, path = parts_of_file(spec)
     scale = prefix[len(VALUES_OF) : -1]
@@ -344,7 +333,7 @@ def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> ND
 
 def is_random(spec: str) -> bool:
     """Return whether ``spec`` names a random floor (``random:0.48``), which is a new one for each run."""
-    return spec.partition(":")[0].strip().lower() == RANDOM
+    return spec.partition(":")[0].strip() == RANDOM
 
 
 def is_redrawn(spec: str) -> bool:

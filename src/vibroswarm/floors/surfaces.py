@@ -67,7 +67,7 @@ PLAIN: Final = Surface()
 def kind_of_name(name: str) -> str:
     """Return ``patch``, ``gradient``, ``hill`` or ``field`` if a name begins so, else an empty string."""
     first, colon, _ = name.partition(":")
-    first = first.strip().lower()
+    first = first.strip()
     return first if colon and first in (PATCHES, *VALUES) else ""
 
 
