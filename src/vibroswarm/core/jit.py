@@ -424,17 +424,12 @@ def _call_plain(compiled: Any) -> None:
 def _set_for_compiling(compiled: Any, side_by_side: bool) -> None:
     """Make a kernel notify ``_compile_listeners``, and then compile under ``_settings``, whenever it compiles."""
     compile_one, module = compiled.compile, compiled.py_func.__module__
-    unlock: Callable[[], None] | None = getattr(compiled._cache, "unlock", None)  # only ``KernelCache`` locks
 
     def compile_under_settings(signature: Any) -> Any:
         for listener in _compile_listeners:
             listener(module)
         with _settings(side_by_side):
-            try:
-                return compile_one(signature)
-            finally:
-                if unlock is not None:
-                    unlock()
+            return compile_one(signature)
 
     compiled.compile = compile_under_settings
 

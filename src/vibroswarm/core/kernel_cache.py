@@ -4,7 +4,7 @@ A damaged file is rewritten. A file that cannot be read or written is skipped. E
 content, since half a kernel might load without an error, and crash when it runs. A loaded kernel can do anything, so a
 folder that other users may write to is not used (``why_unsafe``). Each kernel's file has a unique name, so that two
 processes never write to the same file. (Numba numbers its files, and two processes that count at once give two
-kernels the same number.) Of several processes that need a kernel at once, one compiles it (``kernel_lock``).
+kernels the same number.)
 
 An overload is a kernel compiled for one signature (types of arguments).
 """
@@ -30,7 +30,6 @@ from numba.core.runtime.nrt import rtsys
 
 from vibroswarm.core import whole_kernels
 from vibroswarm.core.compiled_code import UnknownValueError, compiled_text, is_ours
-from vibroswarm.core.kernel_lock import KernelLock
 from vibroswarm.errors import warn_once
 
 PACKAGE: Final = Path(__file__).parents[1]
@@ -198,39 +197,11 @@ class KernelCache(FunctionCache):
         # Replaces the ``IndexDataCacheFile`` that Numba has created with the same arguments.
         self._cache_file = _Files(self._cache_path, self._impl.filename_base, b"")
         self._is_stamped = False
-        cache_path = Path(self._cache_path)
-        self._lock = KernelLock(cache_path.parent, f"{cache_path.name}/{self._impl.filename_base}")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled overload for the signature ``sig``, or None if it has to be compiled; never raise.
-
-        If it has to be compiled, the kernel stays locked for other processes until ``unlock``.
-        """
+        """Return the compiled overload for the signature ``sig``, or None if it has to be compiled; never raise."""
         if not self._is_stamped and self._enabled:
             self._set_stamp()
-        found = self._loaded(sig, target_context)
-        if found is not None:
-            return found
-        self._lock.acquire()
-        return self._loaded(sig, target_context)  # another process may have compiled it meanwhile
-
-    def _set_stamp(self) -> None:
-        """Find out what is compiled with the function; if that cannot be described, cache nothing."""
-        self._is_stamped = True
-        try:
-            self._cache_file._source_stamp = self._impl.locator.stamp()
-        except UnknownValueError as unknown:
-            self.disable()
-            warn_once(
-                f"{self._name} reads {unknown}, of which no change can be seen, and is compiled at every start"
-            )
-
-    def unlock(self) -> None:
-        """Let other processes have the kernel, which is compiled or cannot be."""
-        self._lock.release()
-
-    def _loaded(self, sig: Any, target_context: Any) -> Any:
-        """Return the overload in the cache, or None."""
         try:
             if not whole_kernels.is_known():
                 return super().load_overload(sig, target_context)
@@ -246,6 +217,17 @@ class KernelCache(FunctionCache):
                 f"a compiled kernel in '{self._cache_path}' cannot be used ({error}) and will be recompiled"
             )
         return None
+
+    def _set_stamp(self) -> None:
+        """Find out what is compiled with the function; if that cannot be described, cache nothing."""
+        self._is_stamped = True
+        try:
+            self._cache_file._source_stamp = self._impl.locator.stamp()
+        except UnknownValueError as unknown:
+            self.disable()
+            warn_once(
+                f"{self._name} reads {unknown}, of which no change can be seen, and is compiled at every start"
+            )
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save a compiled overload, ``data``, under its signature, ``sig``; warn if it cannot be saved."""
