@@ -19,7 +19,6 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm.core.atomic_io import MANIFEST, whole_file, whole_folder
 from vibroswarm.core.folders import about_file, check_definition, check_files, manifest_text, read_manifest
-from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
 from vibroswarm.core.rng import SEED_LIMIT
@@ -260,7 +259,6 @@ class Result(NotebookView):
         Raises:
             InputError: the result has no run of that number.
         """
-        check_threads()  # polars, which starts threads, would hang in a forked process
         run = whole_number_of(run, "run", 0, 2**32 - 1)
         rows = self.floors.filter(pl.col("run") == run).to_dicts()
         if not rows:
@@ -285,7 +283,6 @@ class Result(NotebookView):
             InputError: ``run`` is not a whole number, or a table is missing or does not fit the others or the scenario;
                 the message names the column.
         """
-        check_threads()  # polars, which starts threads, would hang in a forked process
         run = None if run is None else whole_number_of(run, "run", 0, 2**32 - 1)
         frames: dict[str, Any] = {name: getattr(self, name) for name in TABLES}
         for name, frame in frames.items():
@@ -336,7 +333,6 @@ class Result(NotebookView):
 
     def write_into(self, folder: Path) -> None:
         """Write scenario, manifest, users' code and all tables of this result into an existing folder."""
-        check_threads()  # polars, which starts threads, would hang in a forked process
         files = {}
         for name, data in self._contents():
             (folder / name).write_bytes(data)
@@ -404,7 +400,6 @@ def _read_table(folder: Path, name: str) -> pl.DataFrame:
     Raises:
         InputError: the table is missing or damaged, or does not have the columns of its schema.
     """
-    check_threads()  # polars, which starts threads, would hang in a forked process
     return read_table(folder / f"{name}.parquet", SCHEMAS[name], name)
 
 

@@ -14,6 +14,7 @@ import vibroswarm.motion.event.event_run
 import vibroswarm.motion.fixed_step
 import vibroswarm.motion.physics.sources  # noqa: F401  (these make themselves known as sources)
 from vibroswarm.core.code_version import code_hash
+from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, check_callable, check_flags, check_kind, shown, whole_number_of
@@ -66,7 +67,9 @@ def simulate(
     Raises:
         InputError: the seed or a run number is out of range, the source of motion is unknown, the code of a strategy,
             network or task is not loaded, or readings cannot be tested against the decision boundary.
+        RunError: this process was forked after polars had begun its threads.
     """
+    check_threads()
     check_scenario(scenario)
     check_callable(progress, "progress")
     check_flags(segments=segments, moves=moves, energies=energies)

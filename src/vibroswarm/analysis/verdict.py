@@ -24,7 +24,6 @@ import polars as pl
 from vibroswarm import strategies, tasks
 from vibroswarm.analysis.answers_over_time import Agreement, agreements_over_time
 from vibroswarm.analysis.figures import ESTIMATES, run_figures
-from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.numbers import count, every, number, span, stated, stated_percent
 from vibroswarm.errors import InputError, check_kind, shown
 from vibroswarm.floors.floor import Floor
@@ -127,7 +126,6 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
     Raises:
         InputError: ``result`` is not a ``Result``, holds no such run, or has tables that do not pass ``Result.check``.
     """
-    check_threads()  # polars, which starts threads, would hang in a forked process
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     with result.check_on_error():
         return _verdict(result, run)

@@ -1,8 +1,8 @@
 """Refusal of forked processes in which polars would wait forever for threads that the fork did not copy.
 
 Before Python 3.14, ``multiprocessing`` on Linux starts processes by ``fork``. If polars had started its threads
-by then, its queries never return in the new process. Code that runs polars queries therefore calls ``check_threads``
-first. A process that was forked before polars started its threads is fine: polars starts them there when needed.
+by then, its queries never return in the new process. ``simulate`` therefore calls ``check_threads`` first. A
+process that was forked before polars started its threads is fine: polars starts them there when needed.
 """
 
 from __future__ import annotations

@@ -15,7 +15,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.tables import Schema, check_table
 from vibroswarm.core.user_code import errors_in
@@ -100,7 +99,6 @@ def join(pieces: Sequence[Motion]) -> Motion:
     Of these the row of the last piece is taken, as it is the latest. A failed run is reported once, by the row of the
     first piece that contains it.
     """
-    check_threads()
     ends = pl.concat([piece.ends for piece in pieces])
     ends = ends.group_by("run", "robot", maintain_order=True).last()
     segments = [piece.segments for piece in pieces if piece.segments is not None]

@@ -10,7 +10,6 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.core.angles import wrapped
-from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.errors import InputError, check_kind, shown, whole_number_of
 
 
@@ -56,7 +55,6 @@ def _along_arcs(
     Args:
         arcs: the table. what: what one of its rows is, for errors: "segment" or "move".
     """
-    check_threads()
     check_kind(arcs, pl.DataFrame, f"{what}s", "a table; simulate with segments=True or moves=True")
     if missing := [name for name in ("run", "robot", *ARC) if name not in arcs.columns]:
         raise InputError(

@@ -17,7 +17,6 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.core.child_python import processors
-from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.paper.cells import Cell, CellResults, run_cells
 from vibroswarm.paper.claim_values import frame
 from vibroswarm.paper.claims import Decided, decide
@@ -188,7 +187,6 @@ def reproduce(
     Raises:
         InputError, RunError: an item's input is invalid, or its work failed; raised by the items.
     """
-    check_threads()
     folder = Path(folder)
     items = all_items() if items is None else items
     skipped = {item.name: item.skipped(settings) for item in items}

@@ -30,7 +30,6 @@ from vibroswarm.analysis.answers_over_time import (
 )
 from vibroswarm.analysis.map_figures import keeps_map, map_figures
 from vibroswarm.analysis.sampling import Walk
-from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import Schema, check_table, parquet_bytes, read_frame
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -398,9 +397,7 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
         ``reported`` if they report values.
     Raises:
         Cancelled: ``cancelled`` returned true.
-        RunError: this process was forked after polars had begun its threads.
     """
-    check_threads()
     plugins.install_all(work.code)
     # Pairs of a scenario's TOML and the numbers of the cells with this scenario.
     pairs = [*chain(*work.observed)]

@@ -16,7 +16,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.jit import is_cached
 from vibroswarm.core.numbers import count
 from vibroswarm.errors import CodeError, InputError, RunError, check_flags, warn_once
@@ -95,7 +94,6 @@ def run_study(
             scheduler answers, or, unless ``mixed``, stored runs or a worker have other versions than this process.
         RunError: the disk is full, the cluster is gone, or runs failed for good; finished batches are saved.
     """
-    check_threads()
     if job is not None and study.until is not None:
         raise InputError(
             "needs a number of runs, not a precision: jobs do not see each other's runs",

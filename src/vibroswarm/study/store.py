@@ -40,7 +40,6 @@ from vibroswarm.core.folders import (
     read_manifest,
     write_described,
 )
-from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import scan_frame
 from vibroswarm.core.untrusted_files import entry, parsed_toml, read_text, texts
 from vibroswarm.errors import InputError, RunError, in_file
@@ -343,7 +342,6 @@ class Store:
 
         Returns: None if none of these runs is stored, or no shard has this table.
         """
-        check_threads()
         # Runs below ``low`` are no longer taken: an earlier shard has given them.
         frames, low = [], start
         # Of shards that begin at the same run, the longest comes first: it makes the others needless. The name decides
