@@ -9,10 +9,9 @@ The public names are those of ``__all__``; each is imported when it is first use
 package costs next to nothing.
 """
 
-from vibroswarm.core.start import leave_working_folder_out, listen_to_ctrl_c
+from vibroswarm.core.start import leave_working_folder_out
 
 leave_working_folder_out(__path__[0])
-listen_to_ctrl_c()
 
 import lazy_loader  # noqa: E402 - it must not be a file of the working folder
 

@@ -22,9 +22,10 @@ from pathlib import Path
 from typing import Final, NoReturn, TextIO
 
 from vibroswarm.cli import interruption
-from vibroswarm.core.start import INTERRUPTED
 from vibroswarm.errors import InputError, RunError, named, shown_name
 
+INTERRUPTED: Final = 130
+"""Exit code of a command that Ctrl-C ended."""
 PLAIN: Final = "--plain"
 """The option that runs the kernels as plain Python, without compiling them."""
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
-from vibroswarm.core.start import end_at_once
 from vibroswarm.errors import InputError
 
 AGAIN_AFTER_S: Final = 0.05
@@ -45,7 +44,7 @@ def listen(end: Callable[[], object]) -> None:
     would print it as a panic of its own: it is repeated until that call has returned.
     """
     _came.clear()
-    if signal.getsignal(signal.SIGINT) not in (signal.default_int_handler, end_at_once):
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         # Ctrl-C is ignored, as under nohup, or handled by the program that imports this package; or an earlier call has
         # installed ``interrupt``, which continues to record.
         return
