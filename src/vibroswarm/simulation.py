@@ -13,8 +13,8 @@ import polars as pl
 import vibroswarm.motion.event.event_run
 import vibroswarm.motion.fixed_step
 import vibroswarm.motion.physics.sources  # noqa: F401  (these make themselves known as sources)
-from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.fork_guard import check_threads
+from vibroswarm.core.jit import source_hash
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, check_callable, check_flags, check_kind, shown, whole_number_of
@@ -338,7 +338,7 @@ def versions() -> dict[str, str]:
         "python": platform.python_version(),
         "architecture": _architecture(),
         "system": platform.system(),
-        "code": code_hash(),
+        "code": source_hash(),
     }
 
 

@@ -29,7 +29,7 @@ COMMAND: Final = (
     "end_with_parent(); compile_later(*sys.argv[1:])"
 )
 """Python program that the second process runs; its arguments are those of ``compile_later``. It collects no garbage,
-as it soon ends: looking for some while it hashes the code takes as long as half of the hash."""
+as it soon ends."""
 
 
 def begin(scenario: Scenario | None = None) -> bool:
@@ -103,12 +103,10 @@ def compile_later(strategy: str = "none", network: str = "ideal") -> None:
     """In the second process: observe a single sample and infer from it, which compiles the kernels of ``LATER``.
 
     The compiled kernels are saved in the cache; those generated for the strategy and the network are among them. The
-    tables of motion hold one sample of robot 0, and the end of every robot; columns that do not matter are 0. At last
-    the hash of the code is saved, which the result will need.
+    tables of motion hold one sample of robot 0, and the end of every robot; columns that do not matter are 0.
     """
     import polars as pl
 
-    from vibroswarm.core.code_version import code_hash
     from vibroswarm.floors.floor import Floor
     from vibroswarm.inference.replay import infer
     from vibroswarm.motion.source import ENDS, MOTION, Motion
@@ -129,4 +127,3 @@ def compile_later(strategy: str = "none", network: str = "ideal") -> None:
     )
     observations = observe(scenario, seed=1, samples=samples, floors={0: floor})  # run 0 has this floor
     infer(scenario, seed=1, motion=Motion(samples, ends), observations=observations)
-    code_hash()

@@ -150,9 +150,9 @@ def check_definition(
     Raises:
         InputError: it is another one.
     """
-    from vibroswarm.core.code_version import code_hash  # which takes a while, and is rarely needed
+    from vibroswarm.core.jit import source_hash  # which takes a while, and is rarely needed
 
-    if found != saved and (not same_text or made_by.get("code") == code_hash()):
+    if found != saved and (not same_text or made_by.get("code") == source_hash()):
         raise InputError(
             f"is not that for which the folder was made (hash {saved}); restore it", field=str(file)
         )

@@ -101,14 +101,14 @@ def refuse_other_run(folder: Path, scenario: Scenario, seed: int, motion: str) -
     Raises:
         InputError: the folder is refused.
     """
-    from vibroswarm.core.code_version import code_hash
+    from vibroswarm.core.jit import source_hash
     from vibroswarm.result import head_of
 
     try:
         there = head_of(folder)
     except InputError as error:
         raise InputError(f"exists already: {error.reason}", field=str(folder)) from None
-    if there["versions"].get("code") != code_hash():
+    if there["versions"].get("code") != source_hash():
         raise InputError("exists already and was made by another version of vibroswarm", field=str(folder))
     if there["scenario_hash"] != scenario.hash:
         raise InputError("exists already and holds a run of another scenario", field=str(folder))

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.core.code_version import code_hash
+from vibroswarm.core.jit import source_hash
 from vibroswarm.core.untrusted_files import read_text
 from vibroswarm.errors import InputError, in_file
 from vibroswarm.export.assembly import RobotParts, omitted_of_world
@@ -77,7 +77,7 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
 
 def identity_of(parts: RobotParts) -> dict[str, str]:
     """Return the constants by which a flashed robot says what it runs: two hashes, and four bytes of both to send."""
-    hashes = (parts.scenario.hash, code_hash())
+    hashes = (parts.scenario.hash, source_hash())
     four_bytes = hashlib.sha256(" ".join(hashes).encode()).hexdigest()[:8]
     values = (*(f'"{one}"' for one in hashes), f"UINT32_C(0x{four_bytes})")
     return dict(zip(IDENTITY, values, strict=True))

@@ -24,7 +24,6 @@ import polars as pl
 
 from vibroswarm.analysis.decidability import decidability, decidability_of_share
 from vibroswarm.core.atomic_io import MANIFEST, whole_folder, write_files
-from vibroswarm.core.code_version import saved_syntax_hash
 from vibroswarm.core.folders import about_file, manifest_text, read_described
 from vibroswarm.core.jit import hash_of_files
 from vibroswarm.core.numbers import number, percent
@@ -329,14 +328,12 @@ def _side_m(floor: Floor) -> float:
 def code_hash() -> str:
     """Return hexadecimal digits that change with the sources and data files that items compute with.
 
-    Comments and docstrings of the sources do not change them.
     The sources of the simulation are left out, because ``fingerprint`` covers them by ``versions``.
     """
     top = Path(__file__).parent.parent
     packages = ("analysis", "calibrate", "recordings", "optimize", "paper", "study")
     paths = sorted(path for package in packages for path in (top / package).rglob("*"))
-    sources = saved_syntax_hash(top, [path for path in paths if path.suffix == ".py"])
-    return sources + hash_of_files(top, [path for path in paths if path.suffix in (".json", ".toml")])
+    return hash_of_files(top, [path for path in paths if path.suffix in (".py", ".json", ".toml")])
 
 
 def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
@@ -354,7 +351,7 @@ def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
         "seed": settings.seed,
         "columns": settings.columns,
         "also": item.also(settings),
-        "versions": versions(),  # among them ``core.code_version.code_hash``, of the sources of the simulation
+        "versions": versions(),  # among them ``core.jit.source_hash``, of the sources of the simulation
         "code": code_hash(),  # the function above, of other sources and of data files
     }
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
