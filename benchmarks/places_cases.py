@@ -93,7 +93,6 @@ RATES: Final[dict[str, Case]] = {
 GRIDS: Final[dict[str, Case]] = {
     "5 x 5": Case(rows=("v = 1",)),
     **{f"{side} x {side}": another_grid(side) for side in (10, 7, 6)},
-    "none (`field`)": Case(values={"strategy.name": "field"}, rows=("v = 1",)),
 }
 OTHERS: Final[dict[str, Case]] = {
     "Kalman filter": Case(values=told(method="kalman"), rows=BOTH),

@@ -40,10 +40,10 @@ def test_a_hundred_robots_take_less_than_ten_seconds(network: dict[str, Any]) ->
     assert heard == pytest.approx(share * 0.99 * result.robots["sent"].sum(), rel=0.02)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("strategy", ["none", "distrust"])
+@pytest.mark.parametrize("strategy", ["none", "mcp"])
 def test_seventy_robots_equal_the_plain_account(strategy: str) -> None:
     """Above 64 robots losses are drawn message by message."""
-    faults = {"faults.stuck_at_1": 0.1, "faults.radio_dead": 0.1 if strategy == "distrust" else 0.0}
+    faults = {"faults.stuck_at_1": 0.1, "faults.radio_dead": 0.1 if strategy == "mcp" else 0.0}
     scenario = large(70, 4.5, 20, 7.0, strategy__name=strategy, decision__min_observations=20)
     for network in (IDEAL, LOSS) if strategy == "none" else (IDEAL,):
         one = scenario.with_values(network | faults)

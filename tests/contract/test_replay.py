@@ -52,7 +52,7 @@ def test_nothing_changed_is_the_same_result(moved: Result) -> None:
 
 def test_more_messages_than_there_is_room_for_at_first_are_all_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is replayed again, with more room, leaves nothing of the attempts before."""
-    scenario = BASE.with_values({"strategy.name": "three_valued", "strategy.three_valued.interval_s": 1.0})
+    scenario = BASE.with_values({"strategy.name": "dmmd"})
     expected = simulate(scenario, 9, 3)
     rooms: list[int] = []
     first = MessagesReplayer._message_buffer

@@ -12,14 +12,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.example_strategies import load_example, module_of
 from vibroswarm.inference.agents import world_of
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies.bayes import GATE_OWN, GATE_RECEIVED, GATE_TOTAL
-from vibroswarm.strategies.distrust import begin, on_message, on_sample, two_sided_tail, weigh
 from vibroswarm.study.fault_tolerance import fault_curve
 from vibroswarm.testing import plain_run
 from vibroswarm.testing.runs import differences
+
+distrust = module_of("distrust")
+begin, on_message, on_sample = distrust.begin, distrust.on_message, distrust.on_sample
+two_sided_tail, weigh = distrust.two_sided_tail, distrust.weigh
+
+
+@pytest.fixture(autouse=True, scope="module")
+def it_is_known() -> None:
+    load_example("distrust")
 
 
 def beta(a: int, b: int) -> Fraction:
@@ -99,18 +108,18 @@ def test_bits_of_a_source_left_out_count_neither_for_the_belief_nor_for_the_gate
     s: Any = SimpleNamespace(own=0)
     a: Any = SimpleNamespace(ones=np.zeros(5, int), bits=np.zeros(5, int), is_out=np.zeros(5, np.uint8))
     p: Any = SimpleNamespace(threshold=0.01)
-    begin(s, a, None, p, w)  # type: ignore[arg-type]
+    begin(s, a, None, p, w)
     for _ in range(160):
         for sender in range(1, 5):
-            on_message(s, a, SimpleNamespace(bit=int(sender == 1)), sender, 1.0, None, p, w)  # type: ignore[arg-type]
-        on_sample(s, a, SimpleNamespace(reading=1), SimpleNamespace(), None, p, w)  # type: ignore[arg-type]
+            on_message(s, a, SimpleNamespace(bit=int(sender == 1)), sender, 1.0, None, p, w)
+        on_sample(s, a, SimpleNamespace(reading=1), SimpleNamespace(), None, p, w)
     assert a.is_out.tolist() == [1, 1, 0, 0, 0]
     assert s.decision == decision
     before = (s.alpha, s.beta)
     assert before == (1, 1 + 3 * 160)
-    on_message(s, a, SimpleNamespace(bit=1), 1, 2.0, None, p, w)  # type: ignore[arg-type]
+    on_message(s, a, SimpleNamespace(bit=1), 1, 2.0, None, p, w)
     assert (s.alpha, s.beta) == before
-    on_message(s, a, SimpleNamespace(bit=1), 2, 2.0, None, p, w)  # type: ignore[arg-type]
+    on_message(s, a, SimpleNamespace(bit=1), 2, 2.0, None, p, w)
     assert (s.alpha, s.beta) == (2, before[1])
 
 

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from vibroswarm.strategies import field
+from helpers.example_strategies import module_of
 from vibroswarm.strategies.base import Array
+
+field = module_of("field")
 
 FALSE_POSITIVE, FALSE_NEGATIVE = 0.1, 0.2
 CONTRAST = 1.0 - FALSE_POSITIVE - FALSE_NEGATIVE
@@ -26,7 +28,7 @@ def begun() -> tuple[Any, Any]:
     sizes: dict[str, int] = {}
     arrays = {n: v for n, v in vars(field.Arrays).items() if isinstance(v, Array)}
     a = SimpleNamespace(**{n: np.zeros(v.size(sizes), v.kind) for n, v in arrays.items()})
-    field.begin(s, a, None, PARAMS, WORLD)  # type: ignore[arg-type]
+    field.begin(s, a, None, PARAMS, WORLD)
     return s, a
 
 

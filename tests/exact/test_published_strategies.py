@@ -16,18 +16,27 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.special import betainc, ndtr
 
+from helpers.example_strategies import load_example, module_of
 from vibroswarm import preset, simulate
 from vibroswarm.inference.agents import world_of
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies import asdf, bayes_cpf, dbbs, mcp, strategy, three_valued, totals, valentini
+from vibroswarm.strategies import mcp, strategy, totals, valentini
 from vibroswarm.strategies.base import arrays_of
 from vibroswarm.strategies.world import Draws, Reading, u
 from vibroswarm.testing.strategy import CHECKS, SETTINGS
 
 WORLD = world_of(preset("paper"), 6000)
 DRAWS = Draws(1, 0, 0, 6, 0, 0, 0, -1.0)
-NAMES = ("totals", "mcp", "bayes_bots", "dc", "dmvd", "dmmd", "dbbs", "three_valued", "asdf", "bayes_cpf")
+OF_FILES = ("dbbs", "three_valued", "asdf", "bayes_cpf")
+NAMES = ("totals", "mcp", "bayes_bots", "dc", "dmvd", "dmmd", *OF_FILES)
+dbbs, three_valued, asdf, bayes_cpf = map(module_of, OF_FILES)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def those_of_files_are_known() -> None:
+    for name in OF_FILES:
+        load_example(name)
 
 
 class One:

@@ -32,7 +32,7 @@ HERE = Path(__file__).parent
 SOURCES = ("vibroswarm.c", "robot_harness.c")
 LOG_SOURCE = "vibroswarm_radio.c"
 START, STEP, SAMPLE, RECEIVE, HEAR, TIMER, TICK, ACCELERATE, OBSERVED = range(9)
-NOT_EXPORTED = ("places", "explore", "fading", "field")
+NOT_EXPORTED = ("places", "explore", "fading")
 """Strategies of the package that read places or steer."""
 EXPORTED = [name for name in strategies.names() if name not in NOT_EXPORTED]
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off")

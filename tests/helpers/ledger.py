@@ -43,9 +43,10 @@ import numpy as np
 import polars as pl
 
 from helpers import drawn_video
-from vibroswarm import InputError, Result, preset, simulate
+from vibroswarm import InputError, Result, Scenario, load_code, preset, simulate
 from vibroswarm.cli import main as vibroswarm
 from vibroswarm.export.c_library import library_files
+from vibroswarm.scenario.plugins import is_code
 from vibroswarm.simulation import versions
 
 HERE = Path(__file__).parents[1] / "golden"
@@ -149,7 +150,14 @@ def result_of(block: Mapping[str, Any], values: Mapping[str, Any]) -> Result:
     """Simulate the runs of a combination."""
     fields = block.get("values", {}) | values
     name, motion = fields.pop("preset", block.get("preset")), fields.pop("motion", "event")
-    return simulate(preset(name).with_values(fields), LIST["seed"], block["runs"], motion=motion)
+    return simulate(scenario_of(name, fields), LIST["seed"], block["runs"], motion=motion)
+
+
+def scenario_of(name: str, fields: Mapping[str, Any]) -> Scenario:
+    """A preset with these fields, of which those that name code of the examples load it."""
+    root = HERE.parents[1]
+    loaded = {field: load_code(value, root) if is_code(value) else value for field, value in fields.items()}
+    return preset(name).with_values(loaded)
 
 
 def hash_of_result(result: Result, also: Mapping[str, Sequence[str]] = MappingProxyType({})) -> str:
@@ -172,7 +180,7 @@ def exported_programs(block: Mapping[str, Any], short: bool) -> Iterator[tuple[s
     pairs = list(product(block["presets"], LIST["choices"][block["of"]].items()))
     for base, (name, values) in pairs[:: block["short"] if short else 1]:
         try:
-            files = library_files(preset(base).with_values(values))
+            files = library_files(scenario_of(base, values))
         except InputError:
             continue
         yield (

@@ -125,7 +125,7 @@ def test_a_strategy_that_errs_less_is_not_said_to_miss_a_level() -> None:
 
 
 def test_a_strategy_that_guesses_is_never_the_fastest() -> None:
-    standings = league_of({"none": [(0.2, 600.0)], "soft": [(0.2, 601.0)], "three_valued": [(0.49, 100.0)]})
+    standings = league_of({"none": [(0.2, 600.0)], "soft": [(0.2, 601.0)], "dmmd": [(0.49, 100.0)]})
     table = best_table(standings)
     by_time = table.filter(figure="decision_time_s")
     assert set(by_time["name"]) == {"none 0", "soft 0"}
@@ -134,8 +134,7 @@ def test_a_strategy_that_guesses_is_never_the_fastest() -> None:
     # Negative control: it would be, if its forced error were below the limit.
     values = {**standings.values, "forced_error": standings.values["forced_error"] * 0.9 * GUESS / 0.49}
     assert (
-        best_table(replace(standings, values=values)).filter(figure="decision_time_s")["name"][0]
-        == "three_valued 0"
+        best_table(replace(standings, values=values)).filter(figure="decision_time_s")["name"][0] == "dmmd 0"
     )
 
 

@@ -11,7 +11,7 @@ from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies.static_analysis import PLACE, fields_read, reads_places
 
-READERS = {"places", "explore", "field", "fading"}
+READERS = {"places", "explore", "fading"}
 
 
 def of(strategy: str, **values: Any) -> Scenario:

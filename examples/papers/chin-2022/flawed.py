@@ -4,14 +4,16 @@ python examples/papers/chin-2022/flawed.py out/chin-2022-unknown
 """
 
 import argparse
+from pathlib import Path
 
 import polars as pl
 
-from vibroswarm import StudyResult
+from vibroswarm import StudyResult, load_code
 from vibroswarm.analysis.intervals import mean_interval
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("folder", help="folder of the study")
+load_code("chin-2024/asdf.py:asdf", Path(__file__).parents[1])
 result = StudyResult.open(parser.parse_args().folder)
 for number, cell in enumerate(result.study.cells):
     scenario = cell.scenario

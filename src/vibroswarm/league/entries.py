@@ -85,7 +85,7 @@ class LeagueFloor:
     """Rows of 0 and 1 from the top, if ``source`` is not a known pattern, so that the study has to define it."""
 
 
-GUESSING: Final = ("dc", "dmvd", "dmmd", "three_valued")
+GUESSING: Final = ("dc", "dmvd", "dmmd")
 """Strategies that play in a league only when named: on its floors they guess, whatever their settings (``best.GUESS``).
 They were made for nearly noiseless readings at every control step; here a reading comes every few seconds."""
 FOR_CHANGES: Final = ("forget", "reset", "fading")

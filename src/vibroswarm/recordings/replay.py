@@ -122,7 +122,7 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         counting = ", ".join(name for name, one in known().items() if counts_only(one))
         raise InputError(
             f"'{scenario.strategy.name}' {reason}; choose a strategy that counts bits, has no timer and decides once: "
-            f"{counting}; or one that reads places: places, field",
+            f"{counting}; or places, which reads places",
             field="strategy.name",
         )
     runs = recording.runs["run"].to_list()

@@ -5,25 +5,20 @@ from __future__ import annotations
 from vibroswarm.strategies import none, positive, soft  # noqa: F401  (these register themselves)
 
 # isort: split
-from vibroswarm.strategies import asdf, dirichlet  # noqa: F401  (lists of strategies keep this order)
+from vibroswarm.strategies import dirichlet  # noqa: F401  (lists of strategies keep this order)
 
 # isort: split
 from vibroswarm.strategies import (  # noqa: F401
     averaging,
     bayes_bots,
-    bayes_cpf,
-    dbbs,
     dirichlet_positive,
     dirichlet_soft,
-    distrust,
     explore,
     fading,
-    field,
     forget,
     mcp,
     places,
     reset,
-    three_valued,
     totals,
     valentini,
 )

@@ -19,38 +19,38 @@ distance.
 
 - Message: as of ``places``, 8 bytes. What a robot knows of its task: the arena, its error rates.
 - Memory: 2080 covariances, 64 means and 64 gains of 4 bytes: 8.8 kB. Operations: for each reading 2080 multiplications
-  with additions, and 64 more for each block close to its place.
+  with additions, and 64 more for each block close to its place. An exported robot needs 18 kB of RAM.
+- The sign of its score at the end of the run is wrong in 16 %, where counting is wrong in 24 % and ``places`` with the
+  right grid in 0.0 %.
 
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows. These letters are not the symbols of the table. ``on_sample`` returns
-whether ``out`` is sent.
+vibroswarm run --strategy examples/strategies/field.py:field
 """
 
-from __future__ import annotations
-
 import math
-from typing import Annotated, Any, Final
+from typing import Annotated
 
 from pydantic import Field
 
-from vibroswarm.errors import InputError
-from vibroswarm.strategies.base import array, register, strategy_in
-from vibroswarm.strategies.bayes import Row, decision
-from vibroswarm.strategies.place_map import LEAST_SPREAD_M, RATE, score_at, share_below
-from vibroswarm.strategies.places import Message, fill_message
-from vibroswarm.strategies.world import Draws, Reading, World
+from vibroswarm import InputError
+from vibroswarm.strategies import array, strategy_in
+from vibroswarm.strategies.bayes import decision
 
-__all__ = ["Message", "decision", "field"]
+__all__ = ["decision", "field"]
 
-SIDE: Final = 8
+SIDE = 8
 """Blocks per side of the arena."""
-BLOCKS: Final = SIDE * SIDE
+BLOCKS = SIDE * SIDE
 """Number of blocks."""
-POINTS: Final = 3
+POINTS = 3
 """Points per side of a block: the covariance of two blocks is the average over POINTS^2 points in each."""
-MEAN_VARIANCE: Final = 1.0 / 12.0
+MEAN_VARIANCE = 1.0 / 12.0
 """Prior variance of the unknown mean: that of a uniform distribution of shares."""
+STEP_M = 0.001
+"""Resolution of places in messages."""
+LEAST_SPREAD_M = 1e-4
+"""Least standard deviation of a place: true places have 0, by which shares cannot be computed."""
+RATE = 1e-3
+"""Least contrast of a sensor."""
 
 
 class Params:
@@ -64,11 +64,7 @@ class Params:
     ] = 25
     length_m: Annotated[
         float,
-        Field(
-            gt=0,
-            le=100,
-            description="Distance at which the correlation of places has fallen to 1/e, m.",
-        ),
+        Field(gt=0, le=100, description="Distance at which the correlation of places has fallen to 1/e, m."),
     ] = 0.1
 
 
@@ -94,7 +90,18 @@ class Arrays:
     of_row = array("float64", "8")
 
 
-def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+class Message:
+    """A sample: its reading, and its place with standard deviations, m."""
+
+    bit: int
+    number: int
+    at_x_m: float
+    at_y_m: float
+    spread_x_m: float
+    spread_y_m: float
+
+
+def begin(s, a, d, p, w):
     """Begin undecided, with means of 1/2 and the prior covariances of the table ("at the start").
 
     ``s.variance`` is V, the mean of all covariances, ``s.share`` is n, and ``s.needed`` is the score needed to decide.
@@ -115,12 +122,12 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     s.variance = total / (BLOCKS * BLOCKS)
 
 
-def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+def on_message(s, a, m, sender, t_s, d, p, w):
     """Add another robot's sample."""
     add_sample(s, a, m.bit, m.at_x_m, m.at_y_m, m.spread_x_m, m.spread_y_m, w)
 
 
-def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+def on_sample(s, a, x, out, d, p, w):
     """Update the estimate by an earlier sample, send that sample, and decide.
 
     That sample was taken ``localisation.lag`` samples ago, because its place is known better by now. Until the robot
@@ -136,18 +143,59 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     return sends
 
 
-def belief(s: Row, a: Row, p: Row, w: World) -> float:
+def belief(s, a, p, w):
     """Return the belief that the share of the arena that vibrates is below the boundary."""
     return 0.5 * math.erfc(-score(s, p, w) * math.sqrt(0.5))
 
 
-def score(s: Row, p: Row, w: World) -> float:
+def fill_message(s, x, out):
+    """Store the reading ``x``, and fill in the message of the sample taken ``localisation.lag`` samples ago.
+
+    Return whether there is a sample so old; if not, ``out`` is not filled in.
+    """
+    s.bits = ((s.bits << 1) | x.reading) & 0xFFFFFFF  # 28 bits are enough: ``localisation.lag`` is at most 24
+    if x.lagged_number < 0:
+        return False
+    # The lagged sample was taken (number - lagged_number) samples ago, so its bit is that far from the lowest bit.
+    out.bit = (s.bits >> (x.number - x.lagged_number)) & 1
+    out.number = x.lagged_number
+    out.at_x_m, out.at_y_m = rounded(x.lagged_x_m), rounded(x.lagged_y_m)
+    out.spread_x_m, out.spread_y_m = rounded(x.lagged_spread_x_m), rounded(x.lagged_spread_y_m)
+    return True
+
+
+def rounded(length_m):
+    """Return a length rounded to ``STEP_M``, as messages hold it."""
+    return STEP_M * math.floor(length_m / STEP_M + 0.5)
+
+
+def score_at(probability):
+    """Return the score at which the belief is a given probability, from 1/2 to 1; at most 10.
+
+    It is the standard normal quantile of the probability, computed by bisection.
+    """
+    low, high = 0.0, 10.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if 0.5 * math.erfc(-middle * math.sqrt(0.5)) < probability:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def share_below(edge_m, mean_m, spread_m):
+    """Return the share of a place's distribution below an edge, in x or in y: a normal distribution function."""
+    return 0.5 * math.erfc((mean_m - edge_m) / spread_m * math.sqrt(0.5))
+
+
+def score(s, p, w):
     """Return the score z, with the variance of the estimate kept above 0."""
     z: float = (w.decision_boundary - s.share) / math.sqrt(p.variance_factor * max(s.variance, 1e-12))
     return z
 
 
-def block_covariance(across: int, down: int, p: Row, w: World) -> float:
+def block_covariance(across, down, p, w):
     """Return the prior covariance of the shares of two blocks that are ``across`` columns and ``down`` rows apart."""
     total = 0.0
     # Mean of exp(-distance / length) over all pairs of one point in each block. The sum is over differences i and j of
@@ -162,15 +210,13 @@ def block_covariance(across: int, down: int, p: Row, w: World) -> float:
     return MEAN_VARIANCE + 0.25 * total / POINTS**4
 
 
-def covariance_at(b: int, c: int) -> int:
+def covariance_at(b, c):
     """Return the index in ``a.covariance`` of the covariance of two blocks."""
     high, low = max(b, c), min(b, c)
     return high * (high + 1) // 2 + low
 
 
-def add_sample(
-    s: Row, a: Row, bit: int, x_m: float, y_m: float, spread_x_m: float, spread_y_m: float, w: World
-) -> None:
+def add_sample(s, a, bit, x_m, y_m, spread_x_m, spread_y_m, w):
     """Update means, covariances and the estimate of the arena by a reading, 0 or 1, taken at an estimated place.
 
     Args:
@@ -222,7 +268,7 @@ def add_sample(
     s.variance -= total * total / (BLOCKS * BLOCKS * variance)
 
 
-def check(p: Any, boundary: float) -> None:
+def check(p, boundary):
     """Refuse the question about another share than half.
 
     A share near 0 or 1 has no normal distribution: at "more than 3 %?" 12 and 30 % of swarms raised false alarms on
@@ -239,13 +285,11 @@ def check(p: Any, boundary: float) -> None:
         )
 
 
-field = register(
-    strategy_in(
-        __name__,
-        "field",
-        bytes_on_air=8,
-        knows_error_rates=True,
-        check=check,
-        about="field: robots send where they sampled, and estimate the arena's mean by kriging; no grid is presumed",
-    )
+field = strategy_in(
+    __name__,
+    "field",
+    bytes_on_air=8,
+    knows_error_rates=True,
+    check=check,
+    about="field: robots send where they sampled, and estimate the arena's mean by kriging; no grid is presumed",
 )

@@ -15,30 +15,29 @@ improbable. The strategy is our own; it assumes that most sources are right.
 | alpha, beta | - | - | prior plus ones, and plus zeros, of the sources not left out |
 
 Samples of one robot lie side by side, so its bits are correlated, and sources that are right differ by more than
-chance. The threshold must therefore be far below the usual levels of significance; docs/faults.md says what it costs.
+chance. The threshold must therefore be far below the usual levels of significance.
 
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows. These letters are not the symbols of the table. ``on_sample`` returns
-whether ``out`` is sent.
+- It removes stuck sensors, up to two of five. Against a bias of ten points, or opposite bits near a fill ratio of 1/2,
+  it does nothing. With one of five stuck at 1, at 0.48, 6 % are wrong and 51 % undecided; with ``none`` all are wrong.
+- With the default threshold wait for 200 observations or more (``decision.min_observations``); a rule that decides
+  after fewer needs a higher threshold.
+- It costs 0 to 0.5 points of errors where nobody is faulty, most on floors with large clusters, and two to three times
+  the CPU; in large swarms more.
+
+vibroswarm run --strategy examples/strategies/distrust.py:distrust --set faults.stuck_at_1=0.2
 """
 
-from __future__ import annotations
-
 import math
-from typing import Annotated, Any, Final
+from typing import Annotated
 
 from pydantic import Field
 
-from vibroswarm.core.jit import inlined, inner
-from vibroswarm.strategies.base import array, register, strategy_in
+from vibroswarm.strategies import array, belief_below, strategy_in
 from vibroswarm.strategies.bayes import belief, decided, decision, enough
-from vibroswarm.strategies.world import Draws, Reading, World, belief_below
 
 __all__ = ["belief", "decision", "distrust"]
-Row = Any
 
-SMALL: Final = 1e-17
+SMALL = 1e-17
 """A sum stops at the first term below this share of it: smaller terms do not change a double."""
 
 
@@ -71,12 +70,12 @@ class Arrays:
     is_out = array("uint8", "robots")
 
 
-def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+def begin(s, a, d, p, w):
     """Start with the prior, and undecided."""
     s.alpha, s.beta, s.decision = w.prior_alpha, w.prior_beta, -1
 
 
-def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+def on_message(s, a, m, sender, t_s, d, p, w):
     """Count the sender's bit; add it to the posterior too, unless the sender is left out at present.
 
     Counts of a sender left out are kept, because the next ``weigh`` compares all sources again.
@@ -88,7 +87,7 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
         s.beta += 1 - m.bit
 
 
-def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+def on_sample(s, a, x, out, d, p, w):
     """Count the reading, leave out improbable sources, decide, and send the reading."""
     s.own += 1
     a.ones[w.robot] += x.reading
@@ -107,8 +106,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     return True
 
 
-@inlined
-def weigh(s: Row, ones: Row, bits: Row, is_out: Row, threshold: float, w: World) -> None:
+def weigh(s, ones, bits, is_out, threshold, w):
     """Decide anew which sources are left out, and set the posterior to the prior plus the bits of all other sources.
 
     Args:
@@ -140,8 +138,7 @@ def weigh(s: Row, ones: Row, bits: Row, is_out: Row, threshold: float, w: World)
         s.beta -= bits[worst] - ones[worst]
 
 
-@inner
-def two_sided_tail(k: int, n: int, a: int, b: int) -> float:
+def two_sided_tail(k, n, a, b):
     """Return q, twice the probability of k or a value farther from the mean on the same side, at most 1.
 
     Args:
@@ -152,8 +149,7 @@ def two_sided_tail(k: int, n: int, a: int, b: int) -> float:
     return min(1.0, 2.0 * tail)
 
 
-@inner
-def upper_tail(k: int, n: int, a: int, b: int) -> float:
+def upper_tail(k, n, a, b):
     """Return P(K >= k) for k at or above the mean, where terms fall from k on, so that the sum may stop early.
 
     ``k``, ``n``, ``a`` and ``b`` are those of the table; a, b >= 1. The result is 0 if P(K = k) is too small for a
@@ -170,8 +166,7 @@ def upper_tail(k: int, n: int, a: int, b: int) -> float:
     return total
 
 
-@inner
-def log_probability(k: int, n: int, a: int, b: int) -> float:
+def log_probability(k, n, a, b):
     """Return ln P(K = k) of the beta-binomial law, with k, n, a and b as in the table."""
     choose = math.lgamma(n + 1.0) - math.lgamma(k + 1.0) - math.lgamma(n - k + 1.0)
     # "+ 0.0" turns the integers into floating-point numbers, which lgamma() takes.
@@ -185,12 +180,10 @@ def log_probability(k: int, n: int, a: int, b: int) -> float:
     )
 
 
-distrust = register(
-    strategy_in(
-        __name__,
-        "distrust",
-        bytes_on_air=2,
-        reports=("left_out", "is_out"),
-        about="distrust: a robot sends its reading, and leaves out senders whose bits are too improbable",
-    )
+distrust = strategy_in(
+    __name__,
+    "distrust",
+    bytes_on_air=2,
+    reports=("left_out", "is_out"),
+    about="distrust: a robot sends its reading, and leaves out senders whose bits are too improbable",
 )

@@ -23,26 +23,19 @@ signalling or with listening, with probability 1/2 each.
   share of own readings so far (taken as 1/2 before the first reading).
 - The stopping rule is ours, as in ``valentini``: a robot decides once its belief is certain and has stayed the same in
   ``patience`` consecutive updates. Updates in which it heard nobody do not count.
-
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows, ``t_s`` the time. ``on_sample`` and ``on_timer`` return whether ``out`` is
-sent; ``on_timer`` is called at ``s.next_s``.
 """
-
-from __future__ import annotations
 
 from typing import Annotated
 
 from pydantic import Field
 
-from vibroswarm.core.jit import inlined
-from vibroswarm.strategies.base import array, register, strategy_in
-from vibroswarm.strategies.bayes import Row, decision
-from vibroswarm.strategies.valentini import ROUNDING_S, forget, heard_one
-from vibroswarm.strategies.world import Draws, Reading, World, u
+from vibroswarm.strategies import array, strategy_in, u
+from vibroswarm.strategies.bayes import decision
 
 __all__ = ["decision", "three_valued"]
+
+ROUNDING_S = 1e-6
+"""A timer this much before the end of a phase counts as the end: times are rounded."""
 
 
 class Params:
@@ -52,8 +45,7 @@ class Params:
         60.0
     )
     listen_s: Annotated[
-        float,
-        Field(gt=0, le=1e5, description="Time of listening before each update, s."),
+        float, Field(gt=0, le=1e5, description="Time of listening before each update, s.")
     ] = 3.0
     interval_s: Annotated[
         float,
@@ -95,12 +87,12 @@ class Message:
     truth: int
 
 
-def opposite(m: Row) -> None:
+def opposite(m):
     """Turn true into false, and false into true."""
     m.truth = 2 - m.truth
 
 
-def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+def begin(s, a, d, p, w):
     """Draw a belief, and draw whether to begin with signalling or with listening."""
     s.truth, s.decision = int(3.0 * u(d, 0)), -1
     if u(d, 1) < 0.5:  # next_s stays 0: the robot signals at once
@@ -110,21 +102,21 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
         s.next_s = p.listen_s
 
 
-def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+def on_message(s, a, m, sender, t_s, d, p, w):
     """Store the sender's belief if the robot is listening and has not heard this sender in this phase."""
     if not s.is_signalling and a.order[sender] == 0:
         s.heard += 1
         a.order[sender], a.truth[sender] = s.heard, m.truth
 
 
-def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+def on_sample(s, a, x, out, d, p, w):
     """Count a reading; nothing is sent, because ``on_timer`` sends."""
     s.readings += 1
     s.ones += x.reading
     return False
 
 
-def on_timer(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
+def on_timer(s, a, t_s, out, d, p, w):
     """Send the belief while signalling, and change phase when a phase ends.
 
     After signalling the robot listens, and sends nothing. After listening it updates its belief and signals again.
@@ -142,8 +134,7 @@ def on_timer(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -
     return True
 
 
-@inlined
-def signal_time(s: Row, number: float, p: Row) -> float:
+def signal_time(s, number, p):
     """Return how long to signal, s; at least ``interval_s``, which is enough for one message.
 
     Args:
@@ -154,8 +145,7 @@ def signal_time(s: Row, number: float, p: Row) -> float:
     return float(max(p.signal_s * (share if is_one else 1.0 - share), p.interval_s))
 
 
-@inlined
-def update(s: Row, order: Row, truths: Row, number: float, p: Row) -> None:
+def update(s, order, truths, number, p):
     """Combine the belief with that of one robot heard, forget who was heard, and decide by the stopping rule.
 
     If nobody was heard, nothing changes.
@@ -175,19 +165,40 @@ def update(s: Row, order: Row, truths: Row, number: float, p: Row) -> None:
         s.decision = truth // 2  # truth is 0 or 2 here: an uncertain belief sets ``unchanged`` to 0
 
 
-@inlined
-def combined(own: int, heard: int) -> int:
+def heard_one(order, heard, most, number):
+    """Draw one of the last ``most`` robots heard; return its number, or -1 if nobody was heard.
+
+    Args:
+        order: (robots,), position at which each robot was heard, from 1; 0: not heard. heard: number of robots heard.
+            most: number of robots, the last ones heard, of which one is drawn. number: uniform number in (0, 1).
+    """
+    count = min(heard, most)
+    # Position of the robot to return; the robot heard last has position ``heard``. The inner min() is there because
+    # number * count may be rounded up to ``count``. If nobody was heard, ``wanted`` is 1, a position that no robot has.
+    # ``wanted > 0`` is a safeguard: position 0 marks robots not heard, and must not match.
+    wanted = heard - min(int(number * count), count - 1)
+    for j in range(order.size):
+        if order[j] == wanted and wanted > 0:
+            return j
+    return -1
+
+
+def forget(order):
+    """Forget who was heard: set all positions to 0."""
+    for j in range(order.size):
+        order[j] = 0
+
+
+def combined(own, heard):
     """Return the own belief combined with a belief heard: 0, 1 or 2, see the table."""
     return min(max(own + heard - 1, 0), 2)
 
 
-three_valued = register(
-    strategy_in(
-        __name__,
-        "three_valued",
-        bytes_on_air=2,
-        boundary_half=True,
-        reports=("truth",),
-        about="three-valued: robots signal a belief, which may be uncertain, and adopt one that they heard",
-    )
+three_valued = strategy_in(
+    __name__,
+    "three_valued",
+    bytes_on_air=2,
+    boundary_half=True,
+    reports=("truth",),
+    about="three-valued: robots signal a belief, which may be uncertain, and adopt one that they heard",
 )

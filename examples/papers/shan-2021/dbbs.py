@@ -28,27 +28,19 @@ underflows.
   whether a given share of the robots agree. Here a robot decides once, if p > p_c or 1 - p > p_c, and if more than O_c
   observations are counted, where each message counts as one.
 - With lambda + mu > 1 the exponents of N grow at every step (at most to 1e12), and early readings weigh most.
-
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Annotated, Final
+from typing import Annotated
 
 from pydantic import Field
 
-from vibroswarm.core.jit import inlined, inner
-from vibroswarm.strategies.base import array, register, strategy_in
-from vibroswarm.strategies.bayes import Row, decided, decision, enough
-from vibroswarm.strategies.world import Draws, Reading, World, u
+from vibroswarm.strategies import array, strategy_in, u
+from vibroswarm.strategies.bayes import decided, decision, enough
 
 __all__ = ["dbbs", "decision"]
 
-LARGEST: Final = 1e12
+LARGEST = 1e12
 """Limit of the sum of both social exponents. At this sum one hypothesis has all of the belief; without a limit the
 exponents would overflow."""
 
@@ -57,12 +49,7 @@ class Params:
     """Hypotheses and decays."""
 
     hypotheses: Annotated[
-        int,
-        Field(
-            ge=2,
-            le=1000,
-            description="Number of hypotheses of the fill ratio.",
-        ),
+        int, Field(ge=2, le=1000, description="Number of hypotheses of the fill ratio.")
     ] = 10
     decay_own: Annotated[float, Field(ge=0, le=1, description="Power of the own social belief (lambda).")] = (
         0.8
@@ -114,18 +101,18 @@ class Message:
     social_zeros: float
 
 
-def opposite(m: Row) -> None:
+def opposite(m):
     """Swap ones and zeros in both beliefs, for a robot with the fault ``opposite``."""
     m.ones, m.zeros = m.zeros, m.ones
     m.social_ones, m.social_zeros = m.social_zeros, m.social_ones
 
 
-def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+def begin(s, a, d, p, w):
     """Set flat beliefs, undecided."""
     s.below, s.decision = 0.5, -1
 
 
-def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+def on_message(s, a, m, sender, t_s, d, p, w):
     """Store the beliefs in the message as the latest ones of the sender.
 
     ``a.is_new`` marks the senders that this robot has heard since its last reading. ``s.heard`` is the number of these
@@ -138,7 +125,7 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
     a.social_ones[sender], a.social_zeros[sender] = m.social_ones, m.social_zeros
 
 
-def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+def on_sample(s, a, x, out, d, p, w):
     """Update both beliefs, decide, and send both beliefs as exponents.
 
     The own belief is updated by the reading, the social belief by the beliefs of one robot j drawn from those heard
@@ -166,14 +153,13 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     return True
 
 
-def belief(s: Row, a: Row, p: Row, w: World) -> float:
+def belief(s, a, p, w):
     """Return p, the belief that f is below the boundary, after the last reading."""
     found: float = s.below
     return found
 
 
-@inlined
-def limit_exponents(s: Row) -> None:
+def limit_exponents(s):
     """Scale both social exponents down to a sum of ``LARGEST``, if their sum is larger."""
     total = s.social_ones + s.social_zeros
     if total > LARGEST:
@@ -181,8 +167,7 @@ def limit_exponents(s: Row) -> None:
         s.social_zeros *= LARGEST / total
 
 
-@inlined
-def drawn_of(is_new: Row, count: int, number: float) -> int:
+def drawn_of(is_new, count, number):
     """Draw one of the robots heard since the last reading, and set all of ``is_new`` to 0.
 
     Args:
@@ -203,8 +188,7 @@ def drawn_of(is_new: Row, count: int, number: float) -> int:
     return drawn
 
 
-@inner
-def log_belief(ones: float, zeros: float, fill: float, false_positive: float, false_negative: float) -> float:
+def log_belief(ones, zeros, fill, false_positive, false_negative):
     """Return the logarithm of the belief in a fill ratio in (0, 1), before normalising.
 
     It is finite, because the error rates of a scenario sum to less than 1, and so the likelihood is in (0, 1) too.
@@ -213,10 +197,7 @@ def log_belief(ones: float, zeros: float, fill: float, false_positive: float, fa
     return ones * math.log(likelihood) + zeros * math.log1p(-likelihood)
 
 
-@inner
-def mass_below(
-    ones: float, zeros: float, hypotheses: int, boundary: float, false_positive: float, false_negative: float
-) -> float:
+def mass_below(ones, zeros, hypotheses, boundary, false_positive, false_negative):
     """Return p: the share of the belief at hypotheses below the boundary, and half of that at the boundary itself.
 
     Args:
@@ -238,11 +219,9 @@ def mass_below(
     return below / total
 
 
-dbbs = register(
-    strategy_in(
-        __name__,
-        "dbbs",
-        bytes_on_air=13,
-        about="DBBS: a robot sends its own belief and its social belief, apart",
-    )
+dbbs = strategy_in(
+    __name__,
+    "dbbs",
+    bytes_on_air=13,
+    about="DBBS: a robot sends its own belief and its social belief, apart",
 )

@@ -21,23 +21,15 @@ accuracies differ: if all robots assume the same wrong accuracy, their estimates
   1000 readings. A run here has some 200 readings, so the default is every 50.
 - Differences from the original: each robot hears all others, and decides as in ``mcp``. b is kept in (1/2, 1). The
   authors' code keeps b in (0, 1) and always sets it to 1 for X < 1/2, because their fill ratios are above 1/2.
-
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows. These letters are not the symbols of the table. ``on_sample`` returns
-whether ``out`` is sent.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Annotated, Final
+from typing import Annotated
 
 from pydantic import Field
 
-from vibroswarm.core.jit import inlined, inner
-from vibroswarm.strategies.base import register, strategy_in
-from vibroswarm.strategies.bayes import Row, decision
+from vibroswarm.strategies import strategy_in
+from vibroswarm.strategies.bayes import decision
 from vibroswarm.strategies.mcp import (
     ESTIMATE,
     PERFECT,
@@ -51,43 +43,27 @@ from vibroswarm.strategies.mcp import (
     on_message,
     opposite,
 )
-from vibroswarm.strategies.world import Draws, Reading, World
 
 __all__ = ["Arrays", "Message", "asdf", "belief", "decision", "on_message", "opposite"]
 
-LOWEST: Final = 0.5 + 1e-6
+LOWEST = 0.5 + 1e-6
 """Smallest accuracy, just above 1/2: at 1/2 a reading carries no information."""
 
 
 class Params:
     """Assumed accuracies, and when to correct them."""
 
-    accuracy: Annotated[
-        float,
-        Field(
-            gt=0.5,
-            lt=1,
-            description="Accuracy that robots assume at first.",
-        ),
-    ] = 0.95
+    accuracy: Annotated[float, Field(gt=0.5, lt=1, description="Accuracy that robots assume at first.")] = (
+        0.95
+    )
     flawed_robots: Annotated[
         int, Field(ge=0, le=100_000, description="Number of robots, the first ones, that assume another one.")
     ] = 1
     flawed_accuracy: Annotated[
-        float,
-        Field(
-            gt=0.5,
-            lt=1,
-            description="Accuracy that those robots assume at first.",
-        ),
+        float, Field(gt=0.5, lt=1, description="Accuracy that those robots assume at first.")
     ] = 0.75
     period: Annotated[
-        int,
-        Field(
-            ge=1,
-            le=1_000_000,
-            description="Readings between tests of the accuracy.",
-        ),
+        int, Field(ge=1, le=1_000_000, description="Readings between tests of the accuracy.")
     ] = 50
     type_2_error: Annotated[
         float,
@@ -112,13 +88,13 @@ class State:
     decision: int
 
 
-def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+def begin(s, a, d, p, w):
     """Assume an accuracy, undecided."""
     s.accuracy = p.flawed_accuracy if w.robot < p.flawed_robots else p.accuracy
     s.estimate, s.estimate_spread, s.below, s.decision = math.nan, math.nan, 0.5, -1
 
 
-def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+def on_sample(s, a, x, out, d, p, w):
     """Count the reading, update the belief, decide, correct the accuracy if that is due, and send the own estimate.
 
     Every ``period`` readings the accuracy is corrected, if the own estimate ``differs`` from those of the other robots.
@@ -136,8 +112,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     return True
 
 
-@inlined
-def social_estimate(estimates: Row, confidences: Row) -> float:
+def social_estimate(estimates, confidences):
     """Return X, the mean of the other robots' latest estimates, weighted by confidence.
 
     Args:
@@ -151,8 +126,7 @@ def social_estimate(estimates: Row, confidences: Row) -> float:
     return weighted / total
 
 
-@inlined
-def differs(estimate: float, estimates: Row, confidences: Row, type_2_error: float) -> bool:
+def differs(estimate, estimates, confidences, type_2_error):
     """Return whether the own estimate lies at least ``limit`` (see the table) from the mean of the others' estimates.
 
     Args:
@@ -178,8 +152,7 @@ def differs(estimate: float, estimates: Row, confidences: Row, type_2_error: flo
     return abs(mean - estimate) >= limit
 
 
-@inner
-def calibrated(share: float, social: float, before: float) -> float:
+def calibrated(share, social, before):
     """Return the accuracy at which the own readings would give the social estimate, limited to [LOWEST, PERFECT].
 
     Args:
@@ -191,8 +164,7 @@ def calibrated(share: float, social: float, before: float) -> float:
     return min(max((share + social - 1.0) / (2.0 * social - 1.0), LOWEST), PERFECT)
 
 
-@inner
-def student_central(t: float, n: int) -> float:
+def student_central(t, n):
     """Return P(abs(T) < t) of Student's T with n degrees of freedom, n a whole number.
 
     It is the finite sum of Abramowitz and Stegun (1964), 26.7.3 for odd n and 26.7.4 for even n.
@@ -210,8 +182,7 @@ def student_central(t: float, n: int) -> float:
     return 2.0 / math.pi * (angle + sine * total)
 
 
-@inner
-def student_quantile(central: float, n: int) -> float:
+def student_quantile(central, n):
     """Return t with P(abs(T) < t) = ``central``, for Student's T with n degrees of freedom.
 
     It is found by bisection; 60 halvings exhaust double precision. A quantile above 1e12 is returned as about 1e12.
@@ -232,13 +203,11 @@ def student_quantile(central: float, n: int) -> float:
     return 0.5 * (low + high)
 
 
-asdf = register(
-    strategy_in(
-        __name__,
-        "asdf",
-        bytes_on_air=9,
-        reports=ESTIMATE,
-        told=("accuracy",),
-        about="ASDF: MCP, and a robot corrects its assumed accuracy by the estimates of others",
-    )
+asdf = strategy_in(
+    __name__,
+    "asdf",
+    bytes_on_air=9,
+    reports=ESTIMATE,
+    told=("accuracy",),
+    about="ASDF: MCP, and a robot corrects its assumed accuracy by the estimates of others",
 )

@@ -26,25 +26,15 @@ normally distributed.
 - Differences from the original: each robot hears all others, and decides as in ``mcp``. The window has a fixed length;
   the original shortens it while the estimated accuracy changes fast. Sensors here drift
   only as a fault (``faults.false_positive_drift_per_h``, ``faults.false_negative_drift_per_h``).
-
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows. These letters are not the symbols of the table. ``on_sample`` returns
-whether ``out`` is sent.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Annotated, Final
+from typing import Annotated
 
 from pydantic import Field
 
-from vibroswarm.core.jit import inlined, inner
-from vibroswarm.strategies import mcp
-from vibroswarm.strategies.asdf import LOWEST
-from vibroswarm.strategies.base import array, register, strategy_in
-from vibroswarm.strategies.bayes import Row, decision
+from vibroswarm.strategies import array, mcp, strategy_in
+from vibroswarm.strategies.bayes import decision
 from vibroswarm.strategies.mcp import (
     ESTIMATE,
     PERFECT,
@@ -57,12 +47,13 @@ from vibroswarm.strategies.mcp import (
     on_message,
     opposite,
 )
-from vibroswarm.strategies.world import Draws, Reading, World
 
 __all__ = ["Message", "bayes_cpf", "belief", "decision", "on_message", "opposite"]
 
-LARGEST_WINDOW: Final = 1000
-LEAST_COUNT: Final = 5.0
+LOWEST = 0.5 + 1e-6
+"""Smallest accuracy, just above 1/2: at 1/2 a reading carries no information."""
+LARGEST_WINDOW = 1000
+LEAST_COUNT = 5.0
 """Least expected number of right, and of wrong, readings for a Kalman update: fewer are far from normal."""
 
 
@@ -114,13 +105,13 @@ class Arrays(mcp.Arrays):
     informed = array("float64", str(LARGEST_WINDOW))
 
 
-def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+def begin(s, a, d, p, w):
     """Assume an accuracy, undecided."""
     s.expected_accuracy, s.variance, s.accuracy = p.accuracy, p.variance, p.accuracy
     s.estimate, s.estimate_spread, s.below, s.decision = math.nan, math.nan, 0.5, -1
 
 
-def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+def on_sample(s, a, x, out, d, p, w):
     """Put the reading into the window, update the belief, decide, send the own estimate, and filter the accuracy.
 
     ``a.reading`` and ``a.informed`` are rings of ``window`` entries. The latest is written to entry ``here``, which is
@@ -148,8 +139,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     return True
 
 
-@inlined
-def reference(estimates: Row, here: int, count: int) -> float:
+def reference(estimates, here, count):
     """Return f, the weighted mean of the last informed estimates; as in the authors' code, older ones weigh more.
 
     Args:
@@ -164,8 +154,7 @@ def reference(estimates: Row, here: int, count: int) -> float:
     return total / (0.5 * count * (count + 1))
 
 
-@inlined
-def correct(s: Row, count: int, fill: float) -> None:
+def correct(s, count, fill):
     """Update mean m and variance P of the accuracy by the number of ones in the window (Kalman update).
 
     Args:
@@ -181,8 +170,7 @@ def correct(s: Row, count: int, fill: float) -> None:
     s.variance = (1.0 - gain * slope) * variance
 
 
-@inner
-def constrained(mean: float, variance: float) -> float:
+def constrained(mean, variance):
     """Return b: ``mean`` if it lies in [LOWEST, PERFECT], else the mean of Normal(mean, variance) truncated to it."""
     if LOWEST <= mean <= PERFECT:
         return mean
@@ -196,13 +184,11 @@ def constrained(mean: float, variance: float) -> float:
     return min(max(mean + spread * density / mass, LOWEST), PERFECT)
 
 
-bayes_cpf = register(
-    strategy_in(
-        __name__,
-        "bayes_cpf",
-        bytes_on_air=9,
-        reports=ESTIMATE,
-        told=("accuracy", "its drift"),
-        about="BayesCPF: MCP, and a robot tracks the accuracy of its sensor",
-    )
+bayes_cpf = strategy_in(
+    __name__,
+    "bayes_cpf",
+    bytes_on_air=9,
+    reports=ESTIMATE,
+    told=("accuracy", "its drift"),
+    about="BayesCPF: MCP, and a robot tracks the accuracy of its sensor",
 )
