@@ -51,7 +51,7 @@ def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):
     assert sweep(study, "--out", out) == 0
     told = capsys.readouterr()
     assert "2 cells, 20 runs each, seed 1; all see the same paths and readings" in told.err
-    assert "To do: 20 runs of motion; about" in told.err
+    assert "To do: 20 runs of motion\n" in told.err
     assert "20 runs per cell" in told.out
     assert str(out) in told.out
     assert StudyResult.open(out).runs().height == 40

@@ -88,8 +88,7 @@ def detect(
         end_s = study.cells[0].scenario.run.t_end_s
         if end_s > base.run.t_end_s:
             report(f"No floor is found yet; next with runs of {stated(end_s)} s.")
-        page_cells = None if output.out is None else 0
-        return run_parts(study, execution, replace(output, out=place), page_cells=page_cells)
+        return run_parts(study, execution, replace(output, out=place))
 
     with named("--fills", of="fills"):
         found = detect_by(

@@ -39,9 +39,8 @@ def do_study(study: Study, comparison: Comparisons, execution: Parts, output: Dr
     from vibroswarm.study.cell_comparison import pairs_of
 
     compared = bool(pairs_of(study, comparison.reference))  # refuses an unknown reference
-    page_cells = None if output.out is None or output.no_pictures else len(study.cells)
     again = compared and not comparison.no_confirm
-    result = run_parts(study, execution, output, allow_failures=True, again=again, page_cells=page_cells)
+    result = run_parts(study, execution, output, allow_failures=True, again=again)
     if result is not None:  # else only a shard or a batch was requested
         confirm_and_print(result, comparison, execution, output)
 
@@ -110,14 +109,13 @@ def run_parts(
     *,
     allow_failures: bool = False,
     again: bool = False,
-    page_cells: int | None = None,
 ) -> StudyResult | None:
     """Print the plan of a study and run it, or only the part that ``--shard`` or ``--batch`` names.
 
     Args:
         allow_failures: return the result even if runs failed. A shard has no result to return, so its failures are
             raised anyway.
-        again, page_cells: as of ``print_plan``.
+        again: as of ``print_plan``.
     Returns:
         The result; None if only a part of the study was run: then a sentence about that part is printed.
     Raises:
@@ -141,7 +139,7 @@ def run_parts(
         store = run_batch(study, out, execution.batch, mixed=execution.mixed)
         print_line(batch_sentence(execution.batch, store))
         return None
-    print_plan(study, out, job, again=again and job is None, page_cells=page_cells if job is None else None)
+    print_plan(study, out, job, again=again and job is None)
     with STAGES.runs("simulating") as progress:
         result = run(
             study,
@@ -171,45 +169,37 @@ def print_plan(
     job: Job | None,
     *,
     again: bool = False,
-    page_cells: int | None = None,
     tests: Mapping[str, Study] = MappingProxyType({}),
 ) -> None:
-    """Print on stderr what a study consists of, how much of it is left to do, and how long the command may take.
+    """Print on stderr what a study consists of, and how much of it is left to do.
 
     Args:
         out: the study's folder, whose finished runs are not repeated; None if nothing is saved.
         job: the shard that will be run; None if the whole study will be run.
-        again: whether the runs are repeated on other seeds. page_cells: see ``documents.plan.work_sentence``.
+        again: whether the runs are repeated on other seeds.
         tests: further studies of the command, by the name of their folder in ``out``.
     """
     from vibroswarm.documents.plan import plan_sentence, work_sentence
-    from vibroswarm.study.baselines import RUNS
     from vibroswarm.study.cell_comparison import SECOND, in_second_block, on_other_seeds
-    from vibroswarm.study.plan import plan_of, samples_of_run
+    from vibroswarm.study.plan import plan_of
     from vibroswarm.study.precision import FIRST_LOOK
-    from vibroswarm.study.runner import expected
+    from vibroswarm.study.runner import runs_left
     from vibroswarm.study.store import Store
-    from vibroswarm.study.study_result import AGAIN_SAMPLES
 
-    plan = plan_of(study)
-    report(plan_sentence(plan))
+    report(plan_sentence(plan_of(study)))
 
     def store_of(one: Study, folder: Path | None) -> Store:
         """Return the saved results of a study; without any, an empty store, so that all runs are left to do."""
         saved = None if folder is None else Store.existing(folder, one)
         return Store(Path(), one) if saved is None else saved  # the path of an empty store is not used
 
-    say_compiling()  # before `expected`, whose trial runs compile kernels
+    say_compiling()
     if not printing.quiet:
-        stores = [store_of(one, None if out is None else out / name) for name, one in tests.items()]
-        second = None
+        repeated, further = 0, 0
         if again:
-            repeated = on_other_seeds(study, study.runs or FIRST_LOOK)
+            second = on_other_seeds(study, study.runs or FIRST_LOOK)
             with in_second_block():
-                second = store_of(repeated, None if out is None else out / SECOND)
-        left = expected(store_of(study, out), plan, stores, job=job, again=second)
-        # Runs that stop when all have decided may end long before.
-        whole = [cell.scenario for cell in study.cells if cell.scenario.run.stop == "t_end"]
-        of_run = sum(map(samples_of_run, whole)) / len(study.cells)
-        again_samples = min(min(study.runs or FIRST_LOOK, RUNS) * of_run, AGAIN_SAMPLES)
-        report(work_sentence(left, job, page_cells=page_cells, again_samples=again_samples))
+                repeated = runs_left(store_of(second, None if out is None else out / SECOND))
+        for name, one in tests.items():
+            further += runs_left(store_of(one, None if out is None else out / name))
+        report(work_sentence(runs_left(store_of(study, out), job), job, again=repeated, further=further))

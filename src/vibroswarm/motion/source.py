@@ -174,8 +174,8 @@ class Source:
     footprint_m: tuple[float, float] | None = field(default=None, compare=False)
     """Length, along the heading, and width of its robots; None: they are discs of ``robot.body_radius_m``."""
     robot_s: float = field(default=ROBOT_S, compare=False)
-    """Rough processor time to simulate one robot for 1200 s, s. By it a study plans batches of some 10 s, after each of
-    which it saves its results."""
+    """Rough processor time to simulate one robot for 1200 s, s. If it is longer than that of the event engine, a study
+    saves its results after each run."""
     is_ours: bool = field(default=False, compare=False)
     """Whether it is an engine of this package, whose tables are checked by tests and not while it runs."""
     source: str = field(default="", compare=False)

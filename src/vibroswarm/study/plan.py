@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
-from vibroswarm.motion.source import robot_s_of
+from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, OF_OBSERVATION, steers
 from vibroswarm.study.spec import Cell, Study
@@ -69,20 +69,13 @@ Range = tuple[int, int]
 """First run, and one past the last."""
 
 FIRST_RUNS: Final = 10
-"""Number of runs from which the size of a group's first blocks is found by doubling and halving."""
-FIRST_BLOCK_S: Final = 0.1
-"""Longest duration to which the first blocks of a group with at most ``MANY_CELLS`` cells are doubled, s."""
-MANY_CELLS: Final = 20
-"""A group with more cells has first blocks whose duration grows with the number of cells."""
-CELL_S: Final = 0.02
-"""Longest duration to which the first blocks of a group with more cells are doubled, s per cell. A block costs about
-0.1 ms per cell besides its runs."""
-LARGEST_BLOCK_S: Final = 10.0
-"""Longest estimated duration of a block, s."""
+"""Least number of runs in the first blocks of a group, if its source of motion is as fast as the event engine."""
+FIRST_ROBOTS: Final = 200
+"""Robots of all runs of a first block; a run of the event engine takes about 0.2 ms for each."""
 MOST_ROWS: Final = 100_000
 """Most rows of a block; a worker needs about 1 kB of memory per row."""
 BLOCKS_OF_A_SIZE: Final = 32
-"""After this many blocks of a size, the size doubles, up to the limits of a block."""
+"""After this many blocks of a size, the size doubles, up to ``MOST_ROWS``."""
 STANDING_MS: Final = 1000.0
 """Typical time that a robot stands for a sample, ms; added to the sample interval, which alone may be 0."""
 
@@ -105,8 +98,8 @@ class Group:
     """Number of the group in its study, from 0."""
     observed: tuple[tuple[tuple[Cell, ...], ...], ...]
     """Cells by floor, sensor and end of the runs, and then by scenario."""
-    robot_s: float
-    """Time that the study's source of motion takes for a robot of one run of 1200 s, s (``Source.robot_s``)."""
+    is_slow: bool
+    """Whether the source of motion takes longer than the event engine (``Source.robot_s``): then a block is one run."""
 
     @property
     def first(self) -> Scenario:
@@ -139,40 +132,17 @@ class Group:
 
     @cached_property
     def block(self) -> int:
-        """Number of runs in each of the group's first blocks, from the estimated duration of a run (``run_s``).
-
-        It is doubled from ``FIRST_RUNS`` as long as a block stays short, and then halved until a block keeps the limits
-        of time and rows. Short first blocks keep all workers busy in a short study.
-        """
-        # With many cells a block takes time besides its runs (``CELL_S``), so its runs should take much longer.
-        short_s = CELL_S * len(self.cells) if len(self.cells) > MANY_CELLS else FIRST_BLOCK_S
-        runs = FIRST_RUNS
-        while 2 * runs * self.run_s <= short_s:
-            runs *= 2
-        while runs > 1 and (runs * self.rows > MOST_ROWS or runs * self.run_s > LARGEST_BLOCK_S):
-            runs //= 2
-        return runs
+        """Number of runs in each of the group's first blocks: few, so that a short study keeps all workers busy."""
+        if self.is_slow:
+            return 1
+        # If a strategy steers, the engine stops after each control period, which takes long.
+        runs = FIRST_RUNS if steers(self.first) else max(FIRST_ROBOTS // self.first.swarm.robots, FIRST_RUNS)
+        return max(min(runs, MOST_ROWS // self.rows), 1)
 
     @property
     def rows(self) -> int:
         """Number of stored rows for one run: one for each cell and robot."""
         return len(self.cells) * self.first.swarm.robots
-
-    @cached_property
-    def run_s(self) -> float:
-        """Estimated time on one core for one run of all cells, s, from measured constants; no result depends on it."""
-        # The constants, in s, were measured in runs of 1200 s and are scaled to the length of this group's runs.
-        robots, length = self.first.swarm.robots, self.first.run.t_end_s / 1200.0
-        # A robot takes longer among many robots: the factor grows with their number up to 4, at 30 robots.
-        motion = self.robot_s * robots * (1 + robots / 10 if robots <= 30 else 4)
-        if steers(self.first):  # then the engine stops after each control period
-            motion += 0.2 * robots
-        observing_and_replaying = robots * (1e-5 * len(self.observed) + 3e-6 * self.inferences)
-        # A strategy that reads places weighs each message of each robot by where its sender was.
-        scenarios = (equal_cells[0].scenario for entry in self.observed for equal_cells in entry)
-        heard = sum(robots * samples_of_run(one) for one in scenarios if one.strategy.reads_places)
-        # The first two terms, of the run and of each replay, do not depend on the length of the run.
-        return 5e-4 + 4e-5 * self.inferences + length * (motion + observing_and_replaying) + 5e-6 * heard
 
     def blocks(self, low: int, high: int) -> Iterator[tuple[int, int, int]]:
         """Divide the runs ``low`` to ``high`` - 1 into the parts that belong to one block each.
@@ -185,7 +155,7 @@ class Group:
             if first + size > low:
                 yield number, max(first, low), min(first + size, high)
             first, number = first + size, number + 1
-            may_double = 2 * size * self.run_s <= LARGEST_BLOCK_S and 2 * size * self.rows <= MOST_ROWS
+            may_double = not self.is_slow and 2 * size * self.rows <= MOST_ROWS
             if number % BLOCKS_OF_A_SIZE == 0 and may_double:
                 size *= 2
 
@@ -226,7 +196,7 @@ def plan_of(study: Study) -> Plan:
             motion = "\n".join([motion, *codes])  # if this code fails, no batch of other cells is lost
         observed = motions.setdefault(motion, {}).setdefault(_key(cell.scenario, OF_OBSERVATION), {})
         observed.setdefault(scenario_hash, []).append(cell)
-    groups = []
+    groups, is_slow = [], robot_s_of(study.motion) > ROBOT_S
     for number, observations in enumerate(motions.values()):
         entries = [
             tuple(tuple(equal_cells) for equal_cells in inferences.values())
@@ -235,7 +205,7 @@ def plan_of(study: Study) -> Plan:
         # The longest runs come first: their motion is simulated, and shorter runs use its beginning. All cells of an
         # entry have the same t_end_s, which is one of the fields that determine the readings.
         entries.sort(key=lambda entry: -entry[0][0].scenario.run.t_end_s)
-        groups.append(Group(number=number, observed=tuple(entries), robot_s=robot_s_of(study.motion)))
+        groups.append(Group(number=number, observed=tuple(entries), is_slow=is_slow))
     plan = Plan(study, tuple(groups))
     object.__setattr__(study, "_plan", plan)  # as a frozen dataclass, it refuses ``study._plan = plan``
     return plan

@@ -2,14 +2,12 @@
 
 A batch that fails is tried again (``work.do_all``). A batch in which user code fails is halved instead, so that
 only the runs in which it fails are lost. A study with a precision runs up to a number of runs (a look, see
-``precision``), and adds runs until the figure is precise enough. Another part estimates the duration of a study from a
-few trial runs.
+``precision``), and adds runs until the figure is precise enough.
 """
 
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -267,122 +265,17 @@ def failures_in_words(store: Store, kept: bool = True, *, is_repetition: bool = 
     )
 
 
-__all__ = ["Cancelled", "Job", "StudyProgress", "failures_in_words", "run_batch", "run_study"]
+def runs_left(store: Store, job: Job | None = None) -> int:
+    """Return how many runs of a study or a job are missing, summed over groups.
 
-
-TRIED_GROUPS: Final = 3
-"""Most groups of which runs are tried."""
-FEW: Final = 2
-"""Number of runs in the small trial batches. Two sizes separate the cost of a batch from the cost of a run."""
-MORE: Final = 22
-"""Number of runs in the large trial batches."""
-TRIAL: Final = 2 * FEW + MORE
-"""Number of runs that are tried in a group, some of them twice. If no more are missing in a group, none are tried: the
-study itself would be done as soon."""
-LONG_S: Final = 1.0
-"""If a run of a group is expected to take longer, s, the group is not tried; if ``FEW`` runs took longer, ``MORE`` runs
-are not tried."""
-
-
-class Expected(NamedTuple):
-    """Remaining work of a study, and of further studies of the same command."""
-
-    runs: int
-    """Number of missing runs, summed over groups."""
-    core_s: float
-    """Estimated time on one core, s."""
-    tried: int
-    """Number of trial runs behind the estimates."""
-    further_runs: int = 0
-    """Number of missing runs of the further studies."""
-    further_s: float = 0.0
-    """Estimated time of these on one core, s."""
-    again_runs: int = 0
-    """Number of missing runs of the study on other seeds."""
-    again_s: float = 0.0
-    """Estimated time of these on one core, s."""
-
-
-def expected(
-    store: Store,
-    plan: Plan,
-    further: Sequence[Store] = (),
-    *,
-    job: Job | None = None,
-    again: Store | None = None,
-) -> Expected:
-    """Estimate the remaining work of a study or job; for a study with a precision, the work up to its first look.
-
-    Trial runs of a few groups tell how fast runs are relative to ``Group.run_s``, and what a batch costs besides. This
-    is applied to all groups, and to those of the studies ``further`` and ``again``, of which no runs are tried.
+    With a precision, these are the runs up to the first look.
     """
-    unfinished = [group for group in plan.groups if _missing(store, group, job)]
-    tried = unfinished[:: max(len(unfinished) // TRIED_GROUPS, 1)][:TRIED_GROUPS]  # spread over the list
-    trials = [_trial(store, plan, group) for group in tried] or [NOT_TRIED]
-    runs, core_s = _work(store, trials, job)
-    again_runs, again_s = (0, 0.0) if again is None else _work(again, trials)
-    found = [_work(one, trials) for one in further]
-    return Expected(
-        runs=runs,
-        core_s=core_s,
-        tried=sum(trial.runs for trial in trials),
-        further_runs=sum(more for more, _ in found),
-        further_s=sum(more_s for _, more_s in found),
-        again_runs=again_runs,
-        again_s=again_s,
+    return sum(
+        last - first
+        for group in plan_of(store.study).groups
+        for block, first, last in store.missing(group, store.study.runs or FIRST_LOOK)
+        if job is None or job.has(group, block)
     )
 
 
-class _Trial(NamedTuple):
-    """What trial runs of a group tell."""
-
-    relative_run: float
-    """Time of a run relative to ``Group.run_s``."""
-    batch_s: float
-    """Time that a batch costs besides its runs, per replay (``Group.inferences``), s."""
-    runs: int
-    """Number of trial runs."""
-
-
-NOT_TRIED: Final = _Trial(relative_run=1.0, batch_s=0.0, runs=0)
-"""What is assumed where a trial would take longer than it is worth."""
-
-
-def _trial(store: Store, plan: Plan, group: Group) -> _Trial:
-    """Time batches of two sizes, unless few runs are missing (``TRIAL``) or runs should take long (``LONG_S``)."""
-    runs_missing = sum(last - first for _, first, last in _missing(store, group))
-    if group.run_s > LONG_S or runs_missing <= TRIAL:
-        return NOT_TRIED
-    _time_s(plan, group, FEW)  # the time is not used: it includes the loading of tables and kernels
-    few_s = _time_s(plan, group, FEW)
-    if few_s > LONG_S:  # then the cost of a batch besides its runs is negligible
-        return _Trial(few_s / FEW / group.run_s, 0.0, 2 * FEW)
-    # The slope between the two sizes of batches leaves out the cost of a batch.
-    run_s = max(_time_s(plan, group, MORE) - few_s, 0.0) / (MORE - FEW)
-    return _Trial(run_s / group.run_s, max(few_s - FEW * run_s, 0.0) / group.inferences, 2 * FEW + MORE)
-
-
-def _missing(store: Store, group: Group, job: Job | None = None) -> list[tuple[int, int, int]]:
-    blocks = store.missing(group, store.study.runs or FIRST_LOOK)
-    return [block for block in blocks if job is None or job.has(group, block[0])]
-
-
-def _work(store: Store, trials: Sequence[_Trial], job: Job | None = None) -> tuple[int, float]:
-    """Return the number of missing runs of a study or job, and their time on one core by the mean trial, s."""
-    relative_run = sum(trial.relative_run for trial in trials) / len(trials)
-    batch_s = sum(trial.batch_s for trial in trials) / len(trials)
-    runs, core_s = 0, 0.0
-    for group in plan_of(store.study).groups:
-        blocks = _missing(store, group, job)
-        of_group = sum(last - first for _, first, last in blocks)
-        runs += of_group
-        core_s += relative_run * of_group * group.run_s + batch_s * len(blocks) * group.inferences
-    return runs, core_s
-
-
-def _time_s(plan: Plan, group: Group, runs: int) -> float:
-    """Simulate the first ``runs`` runs of a group without saving them, and return the processor time it took, s."""
-    before_s = time.process_time()  # not the clock, since other programs may use the processors
-    with suppress(CodeError):  # user code that fails here fails again in the study, which reports it
-        do_batch(batch_of(plan.study, group, first=0, last=runs))
-    return time.process_time() - before_s
+__all__ = ["Cancelled", "Job", "StudyProgress", "failures_in_words", "run_batch", "run_study", "runs_left"]

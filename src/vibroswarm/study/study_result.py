@@ -544,7 +544,8 @@ class StudyResult(NotebookView):
         if scenario.run.stop == "t_end":  # other runs may end long before
             again = again[: max(1, int(AGAIN_SAMPLES / samples_of_run(scenario)))]
         if self._is_slow:
-            again = again[: max(1, int(AGAIN_S / self._group_of[cell].run_s))]
+            run_s = robot_s_of(self.study.motion) * scenario.swarm.robots * scenario.run.t_end_s / 1200.0
+            again = again[: max(1, int(AGAIN_S / run_s))]
         return again
 
     @cached_property
