@@ -44,7 +44,6 @@ def test_a_study_keeps_numbers_pictures_and_a_report(swept: Path) -> None:
         "shards",
         "summary.csv",
         "comparisons.csv",
-        "references.csv",
     } <= there
     assert {"pictures", "report.html", "second-block"} <= there
     captions = pl.read_csv(swept / "pictures" / "captions.csv")

@@ -10,8 +10,6 @@
 | ``fault_tolerance`` | how many robots that fail a strategy bears |
 | ``sampling`` | how a swarm samples |
 | ``decidability`` | whether the question can be decided |
-| ``centralised_baseline``, ``oracle_posterior`` | references for a strategy |
-| ``tile_posterior`` | the posterior that ``oracle_posterior`` uses |
 | ``map_scores``, ``map_figures`` | maps of the floor, and how good they are |
 | ``answers_over_time``, ``robot_knowledge`` | agreement and error over time; what robots were told |
 | ``intervals`` | confidence intervals for all of them |

@@ -1,8 +1,8 @@
 """The document of a study: what its comparisons say, its cells, and how they came to decide.
 
 The answer is a sentence for each pair of cells, or for each cell if none are compared. Then come the differences, the
-outcome of the cells, decisions over time, comparisons with the second block, comparisons at equal error, references,
-how robots sampled, and decidability.
+outcome of the cells, decisions over time, comparisons with the second block, comparisons at equal error, how robots
+sampled, and decidability.
 """
 
 from __future__ import annotations
@@ -55,7 +55,6 @@ from vibroswarm.show.document import (
     if_any,
     limits_of,
 )
-from vibroswarm.study.baselines import References
 from vibroswarm.study.cell_comparison import SIGNIFICANT, Answer, lacks_truth
 from vibroswarm.study.evaluation import Comparison
 from vibroswarm.study.summary import CellOutcome, Outcome
@@ -65,7 +64,7 @@ MOST_SENTENCES: Final = 12
 
 
 def study_document(outcome: Outcome) -> Document:
-    """Return what a study says; without ``Outcome.references`` their table is left out."""
+    """Return what a study says."""
     head, compared = _differences_parts(outcome)
     tables = outcome.tables
     sections = (
@@ -76,14 +75,7 @@ def study_document(outcome: Outcome) -> Document:
             (*compared, *if_any(tables.get("comparisons"), partial(_compared_parts, outcome))),
         ),
         Section("At equal error", if_any(tables.get("equal_error"), _equal_error_parts), wide=True),
-        Section(
-            "Time against error",
-            (
-                *if_any(tables.get("references"), partial(_reference_parts, outcome.references)),
-                *front_figures(outcome),
-            ),
-            wide=True,
-        ),
+        Section("Time against error", tuple(front_figures(outcome)), wide=True),
         Section(
             "How the robots sampled",
             (_sampling_table(outcome), *sampling_figures(outcome)),
@@ -455,79 +447,12 @@ def _equal_error_parts(frame: pl.DataFrame) -> tuple[Part, ...]:
     return Text(_EQUAL_ERROR_WORDS), table
 
 
-_REFERENCE_WORDS: Final = (
-    "Each strategy is compared with two references on the same samples: pooled counting (all bits in one place at "
-    "once, wrong as often as the strategy), and what could be known from all bits and their positions, given the "
-    "sensor and the fill ratio but not the side of the boundary, at a posterior error of 5 %.",
-    "No rule that uses the same bits and is as sure in every run decides sooner, if floors are drawn from that prior. "
-    "The bound does not apply to a strategy that is wrong more or less often. For what could be known, every second "
-    "run is on a floor with the fill ratio mirrored across the boundary: over both sides the expected share wrong when "
-    "known is the mean posterior error at the time of knowing, which is slightly below 5 %.",
-)
-_KINDS_REFERENCE_WORDS: Final = (
-    "Each strategy is compared with what could be known from all readings and their positions, given the sensor and "
-    "the shares of the kinds but not which kind has which share, at a posterior error of 5 %. Runs are in turn on "
-    "floors with the shares in each order: over all of them the expected share wrong when known is the mean posterior "
-    "error at the time of knowing.",
-)
-_REFERENCE_COLUMNS: Final = {
-    "strategy_time_s": Column("strategy: time", "s", decimals=0),
-    "strategy_error": Column("strategy: wrong", share=True),
-    "pooled_time_s": Column("pooled counting: time", "s", decimals=0),
-    "pooled_error": Column("pooled counting: wrong", share=True),
-    "slower_than_pooled_s": Column("strategy - pooled counting", "s", decimals=0, sign=True),
-    "known_time_s": Column("could be known: time", "s", decimals=0),
-    "known": Column("known by the end", share=True),
-    "known_wrong": Column("wrong when known", share=True),
-    "known_claimed": Column("posterior error when known", share=True),
-}
-
-
-def _reference_parts(references: Sequence[References], table: pl.DataFrame) -> tuple[Part, ...]:
-    """Return the table of references by cell, and what they are.
-
-    Cells with few stored runs, or with long ones, have fewer runs than the caption gives.
-    """
-    # A reference that is missing in all cells has no column in the table.
-    names = [name for name in _REFERENCE_COLUMNS if name in table.columns]
-    runs = max(reference.runs for reference in references)
-    again = f"From up to {count(runs, 'run')} per cell, simulated again from the seed"
-    is_pooled = any(reference.pooled is not None for reference in references)
-    caption = f"{again}; half of them tuned the pooled threshold." if is_pooled else f"{again}."
-    rows = table.select("name", *with_limits_of(names, table.columns))
-    of_kinds = all(reference.cell.scenario.sensor.kinds > 2 for reference in references)
-    words = _KINDS_REFERENCE_WORDS if of_kinds else _REFERENCE_WORDS
-    notes = tuple(map(Text, (*words, *_reference_notes(references))))
-    return (
-        *notes,
-        Table(rows, {"name": Column("cell"), **_REFERENCE_COLUMNS}, caption=caption, name="references"),
-    )
-
-
-def _reference_notes(references: Sequence[References]) -> Iterable[str]:
-    """Return the notes of the references, each once; a note that does not apply to all cells names its cells first."""
-    cells: dict[str, list[str]] = {}  # names of the cells with each note
-    for reference in references:
-        for words in reference.says:
-            cells.setdefault(words, []).append(reference.cell.name)
-    return (
-        words if len(names) == len(references) else f"{', '.join(names)}: {words}"
-        for words, names in cells.items()
-    )
-
-
 def _sampling_table(outcome: Outcome) -> Table:
-    """Tabulate how the robots of each cell sampled.
-
-    The correlation of consecutive readings and the packet loss are known only for cells with references, whose runs
-    were simulated again; for other cells they are empty.
-    """
-    by_cell = {reference.cell.number: reference.as_row() for reference in outcome.references}
+    """Tabulate how the robots of each cell sampled."""
     rows = [
         {
             "name": one.cell.name,
             **{k: v for k, v in one.walk.items() if not k.endswith(("_low", "_high"))},
-            **{name: by_cell.get(one.cell.number, {}).get(name) for name in ("lag_one", "packet_loss")},
         }
         for one in outcome.cells
     ]
@@ -539,12 +464,9 @@ def _sampling_table(outcome: Outcome) -> Table:
         "spacing_s": Column("time between samples", "s"),
         "ones": Column("read as vibrating" if of_two else "read as kind 1", share=True),
         "effective_samples": Column("effective number of independent samples"),
-        "lag_one": Column("correlation of consecutive readings"),
-        "packet_loss": Column("packet loss", share=True),
     }
     frame = pl.DataFrame(rows, infer_schema_length=None)
-    empty = [name for name in ("lag_one", "packet_loss") if frame[name].null_count() == frame.height]
-    return Table(frame.drop(empty), columns, caption="Means over runs.", name="sampling")
+    return Table(frame, columns, caption="Means over runs.", name="sampling")
 
 
 _DECIDABILITY: Final = (

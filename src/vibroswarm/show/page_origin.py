@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
@@ -33,16 +32,13 @@ def program() -> str:
     return digest.hexdigest()
 
 
-def origin(content: Any, files: Iterable[Path] = ()) -> str:
+def origin(content: Any) -> str:
     """Return a hash of what a page is made from, and of the program that makes it.
 
     Args:
-        content: plain values, as JSON has them. files: further files that are made with the page; each may be missing.
+        content: plain values, as JSON has them.
     """
-    digest = hashlib.sha256(f"{program()}\n{json.dumps(content, sort_keys=True)}\n".encode())
-    for file in files:
-        digest.update(hashlib.sha256(_bytes_of(file)).digest())
-    return digest.hexdigest()
+    return hashlib.sha256(f"{program()}\n{json.dumps(content, sort_keys=True)}\n".encode()).hexdigest()
 
 
 def with_origin(page: str, made_from: str) -> str:

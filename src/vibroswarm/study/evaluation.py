@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,6 @@ from vibroswarm.show.document import Document
 from vibroswarm.show.figures import remove_figures, write_figures
 from vibroswarm.show.page import write_page
 from vibroswarm.show.page_origin import is_made_from, origin
-from vibroswarm.study.baselines import references_of
 from vibroswarm.study.cell_comparison import Answer, comparison_table, pairs_of, second_block
 from vibroswarm.study.run import run
 from vibroswarm.study.runner import Job, Progress, StudyProgress, failures_in_words
@@ -99,50 +98,35 @@ def outcome_after(
     with stages.share("at equal error") as replayed:
         outcome = outcome_of(result, second, reference, replayed, equal_error=equal_error)
     if folder is not None:
-        is_reported = has_report(outcome, folder)
-        if not is_reported:
+        if not has_report(outcome, folder):
             remove_file(folder / REPORT)
-        # A page of this outcome has its references.
-        write_outcome(outcome, folder, kept=("references",) if is_reported else ())
+        write_outcome(outcome, folder)
     return outcome
 
 
 def has_report(outcome: Outcome, folder: Path) -> bool:
     """Return whether the page of a study in a folder is that of this outcome already, whole, and of this program."""
     page = folder / REPORT
-    return page.is_file() and is_made_from(page, _made_from(outcome, folder))
+    return page.is_file() and is_made_from(page, _made_from(outcome))
 
 
 def write_report(outcome: Outcome, folder: Path, stages: Stages = SILENT) -> Document:
-    """Write the page of a study, and its table of references, which few cells have; return the page's document.
-
-    A reference of a cell is how fast a decision could have been made if all samples had been known in one place at
-    once.
-    """
-    with stages.share("references") as progress:
-        references = tuple(references_of(outcome.result, progress=progress))
-    with_references = replace(outcome, references=references)
-    write_outcome(with_references, folder)
-    document: Document = document_of(with_references)
+    """Write the page of a study, and return its document."""
+    document: Document = document_of(outcome)
     with stages.share("drawing") as progress:
-        write_page(folder / REPORT, document, progress, _made_from(outcome, folder))
+        write_page(folder / REPORT, document, progress, _made_from(outcome))
     return document
 
 
-def _made_from(outcome: Outcome, folder: Path) -> str:
-    """Return what the page of a study is made from: its tables, its stored runs, and the files of references.
-
-    Args:
-        outcome: without references, which follow from the runs.
-    """
+def _made_from(outcome: Outcome) -> str:
+    """Return what the page of a study is made from: its tables and its stored runs."""
     stored = [
         [shard.name, dict(shard.made_by)]
         for part in (outcome.result, outcome.replicate or outcome.failed_replicate)
         if part is not None
         for shard in sorted(part.store.shards, key=lambda shard: shard.name)
     ]
-    content = {"document": document_data(document_of(outcome)), "runs": stored}
-    return origin(content, (folder / "references.csv", folder / "references.parquet"))
+    return origin({"document": document_data(document_of(outcome)), "runs": stored})
 
 
 def raise_failures(result: StudyResult, outcome: Outcome | None, *, kept: bool) -> None:
@@ -309,6 +293,8 @@ def _write(result: StudyResult, folder: Path) -> ReportFile:
     """Write tables, pictures and report into an existing folder; pictures are as wide as a journal's column."""
     # The report keeps the comparison at equal error that the study's folder has.
     equal_error = (result.store.root / "equal_error.csv").is_file()
-    document = write_report(outcome_of(result, equal_error=equal_error), folder)
+    outcome = outcome_of(result, equal_error=equal_error)
+    write_outcome(outcome, folder)
+    document = write_report(outcome, folder)
     write_figures(folder / PICTURES, document, "column")
     return ReportFile(folder / REPORT, result._kept)

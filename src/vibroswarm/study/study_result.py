@@ -1,7 +1,7 @@
 """Read the results of a study as tables of cells, robots, runs and samples, and simulate some of its runs again.
 
 A source of motion is slow if it takes longer than the event engine by its own estimate (``Source.robot_s``), as the
-physics simulators do. Fewer of its runs are simulated again for pictures and references, and they are cached.
+physics simulators do. Fewer of its runs are simulated again for pictures, and they are cached.
 """
 
 from __future__ import annotations
@@ -86,10 +86,9 @@ ROWS_AT_A_TIME: Final = 400_000
 ROWS_IN_A_PART: Final = 10_000
 """Rows of a cell, or of several small ones, that are read at once to compute the figures of their runs."""
 AGAIN_S: Final = 30.0
-"""Longest time for which runs of a cell of a slow source are simulated again, for pictures and references, s."""
+"""Longest time for which runs of a cell of a slow source are simulated again for pictures, s."""
 AGAIN_SAMPLES: Final = 5_000_000
-"""Most samples of a cell that are simulated again for these, which take about 0.3 kB of memory each; twenty times those
-of 200 of the paper's runs."""
+"""Most samples of a cell that are simulated again for pictures, which take about 0.3 kB of memory each."""
 
 
 @dataclass(frozen=True)
@@ -535,7 +534,7 @@ class StudyResult(NotebookView):
         return [run for run in stored if run < self.runs_of(cell)][:most]
 
     def runs_again(self, cell: int, most: int) -> list[int]:
-        """Return the numbers of the runs of a cell that are simulated again for a picture or a reference.
+        """Return the numbers of the runs of a cell that are simulated again for a picture.
 
         These are its first ``most`` stored runs. They are fewer, at least one, if they would have more samples than
         ``AGAIN_SAMPLES``, or with a slow source of motion take longer than about ``AGAIN_S``.

@@ -7,7 +7,7 @@ simulation raised an error; its runs are not stored and are in no figure (``stor
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -29,7 +29,6 @@ from vibroswarm.core.tables import csv_bytes, parquet_bytes
 from vibroswarm.errors import RunError, warn_once
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import Array, numbers
-from vibroswarm.study.baselines import References
 from vibroswarm.study.batch_table import WALK
 from vibroswarm.study.cell_comparison import (
     KEPT,
@@ -46,7 +45,7 @@ from vibroswarm.study.settled import Settled
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
 
-OF_SOME: Final = ("reported", "comparisons", "equal_error", "references")
+OF_SOME: Final = ("reported", "comparisons", "equal_error")
 """Tables that only some summaries have."""
 
 
@@ -91,8 +90,6 @@ class Outcome:
     """An answer for each pair of cells that is compared."""
     failed_replicate: StudyResult | None = None
     """The second block, if all its batches failed, so that none of its runs is stored; else None."""
-    references: tuple[References, ...] = ()
-    """How soon could have been decided from the same samples, of ``baselines.references_of``; empty: not computed."""
     unmatched: str = ""
     """What was requested and is not compared at equal error, and why; empty if nothing."""
 
@@ -116,8 +113,8 @@ class Outcome:
     def tables(self) -> dict[str, pl.DataFrame]:
         """All tables by name.
 
-        These are ``summary``; ``reported``, if robots report something; ``comparisons``, if cells are compared;
-        ``equal_error``, if they are compared at equal error; and ``references``, if these are computed.
+        These are ``summary``; ``reported``, if robots report something; ``comparisons``, if cells are compared; and
+        ``equal_error``, if they are compared at equal error.
         """
         matched = [answer.as_row() for answer in self.answers if answer.matched is not None]
         tables = {
@@ -125,7 +122,6 @@ class Outcome:
             "reported": self.reported,
             "comparisons": comparison_table(self.comparisons),
             "equal_error": pl.DataFrame(matched, infer_schema_length=None),
-            "references": pl.DataFrame([one.as_row() for one in self.references], infer_schema_length=None),
         }
         return {name: table for name, table in tables.items() if table.height}
 
@@ -301,17 +297,15 @@ def _walk(of_runs: Mapping[str, Array]) -> dict[str, Any]:
     return columns
 
 
-def write_outcome(outcome: Outcome, folder: Path, kept: Container[str] = ()) -> None:
+def write_outcome(outcome: Outcome, folder: Path) -> None:
     """Write the tables of a summary as CSV and Parquet into a study's folder; remove earlier ones that it has not.
 
-    Args:
-        kept: tables that are not removed.
     Raises:
         InputError: a file cannot be created. RunError: the disk is full or failed, or a file cannot be removed.
     """
     for name, table in outcome.tables.items():
         write_table(table, folder / name)
-    others = [name for name in OF_SOME if name not in outcome.tables and name not in kept]
+    others = [name for name in OF_SOME if name not in outcome.tables]
     for path in (folder / f"{name}.{suffix}" for name in others for suffix in ("csv", "parquet")):
         remove_file(path)
 
