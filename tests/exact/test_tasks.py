@@ -17,7 +17,7 @@ from vibroswarm.inference.outcomes import costs_of, forced_errors
 from vibroswarm.league.fronts import guess_level
 from vibroswarm.optimize.costs import COSTS
 from vibroswarm.optimize.outcomes import outcomes_of
-from vibroswarm.study.cell_comparison import answers_of, comparisons
+from vibroswarm.study.cell_comparison import comparisons
 from vibroswarm.study.detection import detect
 from vibroswarm.tasks import Task, base, register
 
@@ -93,8 +93,6 @@ def test_a_study_of_estimates_compares_their_errors() -> None:
     assert of_cell.robots()["estimate"].to_list() == alone.robots["estimate"].to_list()
     compared = comparisons(result.where(**{"task.name": "share"}))
     assert [one.first.figure for one in compared] == ["estimate_error", "estimate_crps"]
-    (answer,) = answers_of(compared, {})
-    assert answer.faster_and_more_wrong is None
     decided = comparisons(
         result.where(**{"task.name": "fill_ratio"})
     )  # control: decisions are compared as ever
@@ -209,15 +207,12 @@ def test_a_study_of_tasks_with_different_costs_keeps_them_apart() -> None:
         "plain": PAPER.with_values({"task.costs": [[0, 1], [1, 0]], "run.t_end_s": 600.0}),
         "three": PAPER.with_values({**THREE, "run.t_end_s": 20.0}),
     }
-    from vibroswarm.study.equal_error import reached
-
-    for name, scenario in labels.items():
+    errors = Study.of_scenarios(labels, 10, 1).run().by_run(["forced_error"])["forced_error"]
+    for (name, scenario), error in zip(labels.items(), errors, strict=True):
         result = simulate(scenario, 1, 10)
         table = run_figures(result.robots, result.runs, scenario.run.t_end_s, costs=costs_of(scenario))
-        (found,) = reached([scenario], 1, 10)
-        np.testing.assert_array_equal(found.error[0], table["forced_error"].to_numpy(), err_msg=name)
-    together = reached(list(labels.values())[:2], 1, 10)
-    np.testing.assert_allclose(together[0].error, together[1].error / 4)  # on .48 mistakes are false alarms
+        np.testing.assert_array_equal(error, table["forced_error"].to_numpy(), err_msg=name)
+    np.testing.assert_allclose(errors[0], errors[1] / 4)  # on .48 mistakes are false alarms
 
 
 def test_detection_tolerates_cheap_false_alarms_more_often() -> None:

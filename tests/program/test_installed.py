@@ -99,7 +99,7 @@ def test_sdist_and_wheel_hold_every_tracked_file_of_the_package_and_no_other(
     built: tuple[Path, Path],
 ) -> None:
     wanted = {name.removeprefix("src/") for name in tracked() if name.startswith(PACKAGE)}
-    assert "vibroswarm/analysis/fronts.toml" in wanted
+    assert "vibroswarm/scenario/presets/paper.toml" in wanted
     with tarfile.open(built[0]) as archive:
         names = [member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()]
     assert {name.removeprefix("src/") for name in names if name.startswith(PACKAGE)} == wanted

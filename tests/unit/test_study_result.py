@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
 from vibroswarm import InputError, Study, StudyResult, preset
-from vibroswarm.study.equal_error import reached
 
 pytestmark = pytest.mark.usefixtures("without_layout")
 
@@ -84,11 +82,3 @@ def test_pandas_in_one_call(result: StudyResult) -> None:
     assert mean["random:0.44", "none"] == pytest.approx(result.runs(0)["distance_m"].mean())
     with pytest.raises(InputError, match="did you mean 'runs'"):
         result.to_pandas("rums")
-
-
-def test_scenarios_replayed_together_reach_what_each_reaches_alone() -> None:
-    scenarios = [SHORT.with_values({"strategy.name": name}) for name in ("none", "soft")]
-    for one, scenario in zip(reached(scenarios, 3, 4), scenarios, strict=True):
-        (alone,) = reached([scenario], 3, 4)
-        assert np.array_equal(one.time_s, alone.time_s)
-        assert np.array_equal(one.error, alone.error)

@@ -307,12 +307,6 @@ class Comparisons:
     no_confirm: Annotated[
         bool, Option("do not repeat comparisons on other seeds (saves up to 1000 runs)")
     ] = False
-    equal_error: Annotated[
-        bool,
-        Option(
-            "also compare strategies at equal error, each with its best settings (replays up to 1000 runs)"
-        ),
-    ] = False
     reference: Annotated[
         str | None,
         Option("compare with this strategy (or other varied value) only; default: strategies in all pairs"),

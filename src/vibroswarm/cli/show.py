@@ -64,16 +64,14 @@ def _needs_kernels(folder: Path) -> bool:
     """Return whether showing a folder computes so much that kernels must be loaded, which takes half a second.
 
     Error rates do so where they do not follow from a formula: near edges of tiles, which only scenarios that name the
-    fields of edges have, and of sensors that measure at a place. A comparison at equal error simulates runs again.
-    Documents that a command has saved are shown as they are.
+    fields of edges have, and of sensors that measure at a place. Documents that a command has saved are shown as they
+    are.
     """
     from vibroswarm.documents.saved import PRINTED
 
     settings = SETTINGS.get(kind_of(folder) or "")
     if settings is None or os.path.lexists(folder / PRINTED):
         return False
-    if (folder / "equal_error.csv").is_file():
-        return True
     try:
         text = read_text(folder / settings, "a scenario")
     except InputError:  # reported when the result is read

@@ -64,7 +64,6 @@ def confirm_and_print(
             output.out,
             reference=comparison.reference,
             confirm=not comparison.no_confirm,
-            equal_error=comparison.equal_error,
             stages=STAGES,
             **execution.how,
         )

@@ -1,8 +1,7 @@
 """The document of a study: what its comparisons say, its cells, and how they came to decide.
 
 The answer is a sentence for each pair of cells, or for each cell if none are compared. Then come the differences, the
-outcome of the cells, decisions over time, comparisons with the second block, comparisons at equal error, how robots
-sampled, and decidability.
+outcome of the cells, decisions over time, comparisons with the second block, how robots sampled, and decidability.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.analysis.paired import ESTIMATED
 from vibroswarm.analysis.reports_over_time import report_heading
 from vibroswarm.analysis.verdict import answers_of
-from vibroswarm.core.numbers import count, counts, listed, number, percent, stated, stated_percent
+from vibroswarm.core.numbers import count, counts, number, percent, stated, stated_percent
 from vibroswarm.documents.cell_figures import MAP_CAPTION, column_of, figure_columns, with_limits_of
 from vibroswarm.documents.knowledge import told, versions_in_words
 from vibroswarm.documents.study_figures import (
@@ -37,12 +36,10 @@ from vibroswarm.documents.study_figures import (
 from vibroswarm.documents.study_words import (
     SHORT,
     asks_numbers,
-    at_equal_error,
     cell_sentence,
     question,
     sentence,
     title_of,
-    traded,
     warnings_of,
 )
 from vibroswarm.show.document import (
@@ -74,7 +71,6 @@ def study_document(outcome: Outcome) -> Document:
             "Compared run by run",
             (*compared, *if_any(tables.get("comparisons"), partial(_compared_parts, outcome))),
         ),
-        Section("At equal error", if_any(tables.get("equal_error"), _equal_error_parts), wide=True),
         Section("Time against error", tuple(front_figures(outcome)), wide=True),
         Section(
             "How the robots sampled",
@@ -99,11 +95,6 @@ def comparison_document(comparison: Comparison) -> Document:
     outcome = comparison.outcome
     head, compared = _differences_parts(outcome)
     data = _tables_for_json(outcome)
-    equal_error = if_any(outcome.tables.get("equal_error"), _equal_error_parts)
-    sections = (
-        Section("Compared run by run", tuple(compared)),
-        Section("At equal error", equal_error, wide=True),
-    )
     return Document(
         title=question(outcome),
         answer=_answer(outcome, math.inf),
@@ -111,11 +102,11 @@ def comparison_document(comparison: Comparison) -> Document:
         warnings=tuple(warnings_of(outcome)),
         parts=(
             *head,
-            *sections,
+            Section("Compared run by run", tuple(compared)),
             *([] if outcome.answers else [_outcome_table(outcome)]),
         ),
         made_by=_made_by(outcome),
-        data={name: data[name] for name in ("comparisons", "equal_error") if name in data},
+        data={name: data[name] for name in ("comparisons",) if name in data},
     )
 
 
@@ -125,17 +116,14 @@ def _answer(outcome: Outcome, most: float = MOST_SENTENCES) -> tuple[str, ...]:
     If comparisons or cells are left out, a last sentence states their number.
     """
     described: list[Answer | CellOutcome] = [*outcome.answers] or [*outcome.cells]
-    lines = [words for number, one in enumerate(described) if number < most for words in _sentences(one)]
+    lines = [
+        cell_sentence(one) if isinstance(one, CellOutcome) else sentence(one)
+        for number, one in enumerate(described)
+        if number < most
+    ]
     left = len(described) - min(len(described), most)
     what = "more comparison" if outcome.answers else "more cell"
     return (*lines, f"... and {count(int(left), what)}, below." if left else "")
-
-
-def _sentences(one: Answer | CellOutcome) -> list[str]:
-    """Return what a comparison says, as it is and at equal error, or what a cell does."""
-    if isinstance(one, CellOutcome):
-        return [cell_sentence(one)]
-    return [sentence(one), *([] if one.matched is None else [at_equal_error(one, one.matched)])]
 
 
 def _differences_parts(outcome: Outcome) -> tuple[list[Part], list[Part]]:
@@ -143,12 +131,9 @@ def _differences_parts(outcome: Outcome) -> tuple[list[Part], list[Part]]:
 
     The table of differences is among the first, unless it is too long for the first screen.
     """
-    names = traded(outcome)
-    words = "Faster but wrong more often: {}. Not compared at equal error; add --equal-error."
-    notes: list[Part] = [Text(words.format(listed(names)))] if names else []
     tables: list[Part] = [_differences_table(outcome.answers)] if outcome.answers else []
     is_short = len(outcome.answers) <= MOST_SENTENCES
-    return (notes + tables, []) if is_short else (notes, tables)
+    return (tables, []) if is_short else ([], tables)
 
 
 def _differences_table(answers: Sequence[Answer]) -> Table:
@@ -418,33 +403,6 @@ def _compared_table(table: pl.DataFrame, figure: RunFigure) -> Table:
     )
     caption = f"{figure.title[0].upper()}{figure.title[1:]}: first - second."
     return Table(rows, columns, caption=caption, name=f"compared-{figure.by_run}", folded=True)
-
-
-_EQUAL_ERROR_WORDS: Final = (
-    "Every strategy becomes faster if it may err more. Here both are compared along what they reach with their own "
-    "settings (credible threshold and minimum of observations, for most), replayed on the same runs: the time at which "
-    "each reaches the error of the one that errs more as it was run, and the error of each at that one's time. Error "
-    "is the forced error: robots wrong, or undecided and leaning to the wrong side. Limits are those of a bootstrap "
-    "over runs. A dash: a strategy does not, or may not, reach there. First - second."
-)
-
-
-def _equal_error_parts(frame: pl.DataFrame) -> tuple[Part, ...]:
-    columns = {
-        "name": Column("compared"),
-        "error": Column("at the forced error", share=True),
-        "time_difference_s": Column("difference in time", "s", decimals=0, sign=True),
-        "time_s": Column("at the time", "s", decimals=0),
-        "error_difference": Column(
-            "difference in forced error",
-            "points",
-            share=True,
-            sign=True,
-        ),
-        "runs": Column("runs"),
-    }
-    table = Table(frame.select(with_limits_of(columns, frame.columns)), columns, name="equal_error")
-    return Text(_EQUAL_ERROR_WORDS), table
 
 
 def _sampling_table(outcome: Outcome) -> Table:

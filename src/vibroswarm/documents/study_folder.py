@@ -138,9 +138,7 @@ def results_of(store: Store) -> Document | None:
     result = StudyResult(store.study, store, selected=every_cell)
     if not result.cells["there"].sum():
         return None
-    # The table is there if strategies were compared at equal error when the study was run.
-    equal_error = (store.root / "equal_error.csv").is_file()
-    return study_document(outcome_of(result, _repetition_of(store)[0], equal_error=equal_error))
+    return study_document(outcome_of(result, _repetition_of(store)[0]))
 
 
 def results_or_need(store: Store) -> tuple[Document | None, str]:

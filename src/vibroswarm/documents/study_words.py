@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from vibroswarm.analysis.forced_error import FEWEST, MatchedError
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import side
 from vibroswarm.analysis.verdict import answers_of as answers_in_words
@@ -22,7 +21,6 @@ from vibroswarm.core.numbers import (
     counts,
     listed,
     p_value,
-    percent,
     some,
     stated,
     stated_percent,
@@ -34,7 +32,6 @@ from vibroswarm.documents.knowledge import setting as setting_of
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.study.batch_table import failed_words
 from vibroswarm.study.cell_comparison import Answer, Compared, lacks_truth
-from vibroswarm.study.equal_error import pairs_at_equal_error
 from vibroswarm.study.factors import fields_in_words
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
@@ -173,48 +170,6 @@ def sentence(answer: Answer) -> str:
     return text + (f" Not significant: {_differences(others)}." if others else "")
 
 
-def at_equal_error(answer: Answer, found: MatchedError) -> str:
-    """Write the comparison at equal error ``found`` for an answer, and what follows from it."""
-    # The strategies are compared at the error of the one that errs more as run: settings can always make a strategy
-    # err more often, but not always less often.
-    names = (answer.first_name, answer.reference_name)
-    erring_more, reaching = names if found.of_first else names[::-1]
-    settings = (
-        f"{reaching} with its best settings, {erring_more} as run"
-        if found.as_run
-        else "each with its best settings"
-    )
-    where = f"At equal error ({percent(found.error)}, that of {erring_more}), {settings}: "
-    difference = found.time_difference_s
-    if math.isnan(difference.low) or math.isnan(difference.high):
-        return f"{where}{_signed('decision_time_s', difference)}; an interval needs {FEWEST} runs."
-    unsure = "" if math.isfinite(difference.high - difference.low) else f" ∞: {reaching} may not reach it."
-    # There is no p-value at equal error: the difference is significant if its interval excludes 0.
-    if side(difference) == 0:
-        return (
-            f"{where}no significant difference in time, {_signed('decision_time_s', difference)}."
-            f"{unsure}{_conclusion(answer, None)}"
-        )
-    return (
-        f"{where}{answer.first_name} {_directed('decision_time_s', difference)}."
-        f"{unsure}{_conclusion(answer, difference.estimate < 0)}"
-    )
-
-
-def _conclusion(answer: Answer, first_is_faster_at_equal_error: bool | None) -> str:
-    """Write whether a strategy that is faster and wrong more often, as run, is faster at equal error too.
-
-    Returns: a sentence after a space; empty unless one of the two is both, significantly.
-    """
-    faster = answer.faster_and_more_wrong
-    if faster is None:
-        return ""
-    first_is_faster = faster == answer.first_name
-    if first_is_faster_at_equal_error is None or first_is_faster_at_equal_error != first_is_faster:
-        return f" So {faster} is faster as run, but not shown to be better: it is wrong more often."
-    return f" So {faster} is faster, and not only because it is wrong more often."
-
-
 def _directed(figure: str, difference: Interval) -> str:
     """Write the size of a difference, its direction in words, and its interval: ``127 s faster [102, 153]``.
 
@@ -325,19 +280,6 @@ def _agreement(one: CellOutcome) -> str:
     )
 
 
-def traded(outcome: Outcome) -> list[str]:
-    """Name the strategies that are faster but wrong more often, and could be compared at equal error but were not."""
-    if outcome.unmatched:  # requested: a warning says why they were not
-        return []
-    comparable = pairs_at_equal_error(outcome.result, outcome.comparisons)
-    names = [
-        answer.faster_and_more_wrong
-        for answer in outcome.answers
-        if answer.matched is None and (answer.cell.number, answer.reference.number) in comparable
-    ]
-    return list(dict.fromkeys(name for name in names if name is not None))
-
-
 def warnings_of(outcome: Outcome) -> list[str]:
     """Write what may invalidate the figures, such as failed or missing runs; empty if all is well."""
     cells = outcome.cells
@@ -352,7 +294,7 @@ def warnings_of(outcome: Outcome) -> list[str]:
     faulty = _each_once((one.cell.name, _fault_words(one)) for one in cells if one.cell.scenario.faults.kinds)
     every = (
         *floors, *unreached, *failed, *faulty, *_missing_runs(outcome), *_store_warnings(outcome),
-        _imprecise(outcome), outcome.unmatched,
+        _imprecise(outcome),
     )  # fmt: skip
     return list(filter(None, every))
 

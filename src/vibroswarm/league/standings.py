@@ -5,7 +5,7 @@ fields of motion move in their own way; they share only the random numbers of mo
 
 | column | what it is |
 |---|---|
-| forced_error | share of robots wrong, or undecided and leaning to the wrong side (``analysis.forced_error``) |
+| forced_error | share of robots wrong, or undecided and leaning to the wrong side |
 | right, wrong, undecided | shares of robots |
 | decision_time_s | mean of min(decision time, T_end), s |
 | sent | messages that a robot sends in a run |

@@ -1,4 +1,4 @@
-"""Compare cells in pairs, run by run, and again in a second block of runs from another seed; also at equal error.
+"""Compare cells in pairs, run by run, and again in a second block of runs from another seed.
 
 A pair is a cell and its reference, which differ in a single field, or in the label and the fields that the label stands
 for. Every two strategies are compared, also every two labels that set the strategy. In another field, each value is
@@ -9,13 +9,9 @@ The compared fields are those whose values are words: strategies, presets, label
 compared only if no other field is varied and it has few values, since many values make a curve. The floor is never
 compared, since it is not a choice of the user of a swarm. The p-values are corrected over all comparisons of a study.
 
-Strategies can also be compared at equal error, on request: their cells are replayed with other settings
-(``analysis.forced_error``).
-
 An ``Answer`` says of a pair what differs, as cell - reference. A difference is significant if its p-value,
 corrected over all comparisons of the study, is below 0.05. It is confirmed if the study's second block of runs, from
-another seed, shows it too. A strategy that is faster and wrong more often is not called better: the pair is compared at
-equal error as well (``analysis.forced_error``). ``documents.study_words`` writes answers in sentences.
+another seed, shows it too. ``documents.study_words`` writes answers in sentences.
 """
 
 from __future__ import annotations
@@ -33,7 +29,6 @@ import polars as pl
 
 from vibroswarm.analysis.cell_summary import CellSummary
 from vibroswarm.analysis.figures import BY_COLUMN
-from vibroswarm.analysis.forced_error import MatchedError
 from vibroswarm.analysis.intervals import columns_of
 from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Confirmation, Paired, compare, confirmed, holm
 from vibroswarm.errors import InputError, check_choice
@@ -375,64 +370,28 @@ class Answer:
     """The varied values that both cells share, as text."""
     effects: tuple[Compared, ...]
     """In the order of ``FIGURES`` or ``ESTIMATED``, one for each figure that was compared."""
-    matched: MatchedError | None
-    """The comparison at equal error; None if there is none."""
 
     @property
     def name(self) -> str:
         """``soft against none, random:0.48``."""
         return f"{self.first_name} against {self.reference_name}" + (f", {self.rest}" if self.rest else "")
 
-    @property
-    def faster_and_more_wrong(self) -> str | None:
-        """Name of the cell that is significantly faster, and also wrong significantly more often; None if none is."""
-        better = {effect.first.figure: effect.better for effect in self.effects}
-        first_is_faster, first_errs_less = better.get("decision_time_s"), better.get("wrong_share")
-        if first_is_faster is None or first_errs_less is None or first_is_faster == first_errs_less:
-            return None
-        return self.first_name if first_is_faster else self.reference_name
 
-    def as_row(self) -> dict[str, float | int | str | None]:
-        """Return the comparison at equal error as a flat row for a table; without it, only name and cell numbers.
-
-        A difference has three columns: the estimate, and its limits in ``..._low`` and ``..._high``. A value that is
-        not finite is None.
-        """
-        row: dict[str, float | int | str | None] = {
-            "name": self.name, "cell": self.cell.number, "reference": self.reference.number,
-        }  # fmt: skip
-        found = self.matched
-        if found is None:
-            return row
-        return row | {
-            "error": found.error,
-            "time_s": found.time_s,
-            "runs": found.time_difference_s.n,
-            **columns_of("time_difference_s", found.time_difference_s),
-            **columns_of("error_difference", found.error_difference),
-        }
-
-
-def answers_of(
-    compared: Sequence[Compared], matched: Mapping[tuple[int, int], MatchedError]
-) -> tuple[Answer, ...]:
+def answers_of(compared: Sequence[Compared]) -> tuple[Answer, ...]:
     """Return one answer for each pair of cells.
 
     Answers with equal ``Answer.rest`` (the varied values that cell and reference share) stand together, in the order
     in which the values of ``rest`` first appear. Within such a group, the largest difference in time comes first.
 
     Args:
-        compared: all figures of all pairs (``cell_comparison.comparisons``); empty: there are no answers.
-        matched: comparisons at equal error, by the numbers of cell and reference (``equal_error.at_equal_error``).
+        compared: all figures of all pairs (``comparisons``); empty: there are no answers.
     """
     # For each pair, its comparisons by figure. A pair is given by cell, reference and compared field.
     by_pair: dict[tuple[int, int, str], dict[str, Compared]] = {}
     for one in compared:
         key = (one.cell.number, one.reference.number, one.field)
         by_pair.setdefault(key, {})[one.first.figure] = one
-    found = [
-        _answer(figures, matched.get((cell, reference))) for (cell, reference, _), figures in by_pair.items()
-    ]
+    found = [_answer(figures) for figures in by_pair.values()]
     rank_of_rest: dict[str, int] = {}  # the position at which each ``rest`` first appears
     for answer in found:
         rank_of_rest.setdefault(answer.rest, len(rank_of_rest))
@@ -445,12 +404,11 @@ def _time_difference(answer: Answer) -> float:
     return 0.0 if math.isnan(size) else size
 
 
-def _answer(figures: Mapping[str, Compared], matched: MatchedError | None) -> Answer:
+def _answer(figures: Mapping[str, Compared]) -> Answer:
     """Return the answer of one pair of cells.
 
     Args:
         figures: the pair's comparisons by figure, those of ``FIGURES`` or ``ESTIMATED`` among them.
-        matched: its comparison at equal error, None if there is none.
     """
     # The comparison of the first figure. All figures of the pair have the same cells and names.
     one = next(iter(figures.values()))
@@ -463,7 +421,6 @@ def _answer(figures: Mapping[str, Compared], matched: MatchedError | None) -> An
         reference_name=reference_name,
         rest=rest,
         effects=effects,
-        matched=matched,
     )
 
 

@@ -43,7 +43,6 @@ def evaluate(
     *,
     reference: str | None = None,
     confirm: bool = True,
-    equal_error: bool = False,
     stages: Stages = SILENT,
     **how: Any,
 ) -> Outcome:
@@ -51,7 +50,7 @@ def evaluate(
 
     Args:
         folder: where the study is saved, and continued; None: a temporary one.
-        reference, confirm, equal_error: as of ``outcome_after``. stages: told what is done.
+        reference, confirm: as of ``outcome_after``. stages: told what is done.
         how: further arguments of ``study.run.run``, such as workers.
     Raises:
         InputError: the study, the folder or the reference is wrong, or no run finished. RunError: runs failed; what is
@@ -62,9 +61,7 @@ def evaluate(
         result = run(study, folder, progress=progress, allow_failures=True, **how)
     if not result.cells["there"].sum():
         raise_failures(result, None, kept=folder is not None)
-    outcome = outcome_after(
-        result, folder, reference=reference, confirm=confirm, equal_error=equal_error, stages=stages, **how
-    )
+    outcome = outcome_after(result, folder, reference=reference, confirm=confirm, stages=stages, **how)
     if folder is not None and not has_report(outcome, folder):
         remove_figures(folder / PICTURES)
         write_report(outcome, folder, stages)
@@ -78,7 +75,6 @@ def outcome_after(
     *,
     reference: str | None = None,
     confirm: bool = True,
-    equal_error: bool = False,
     stages: Stages = SILENT,
     **how: Any,
 ) -> Outcome:
@@ -88,15 +84,14 @@ def outcome_after(
 
     Args:
         reference: see ``cell_comparison.pairs_of``. confirm: whether compared cells run again on other seeds.
-        equal_error: whether strategies are also compared at equal error. how: as of ``evaluate``.
+        how: as of ``evaluate``.
     """
     second = None
     if confirm and pairs_of(result.study, reference):
         with stages.runs("repeating on other seeds") as progress:
             # Failed runs are allowed, because they are reported after the results.
             second = second_block(result, progress=progress, allow_failures=True, **how)
-    with stages.share("at equal error") as replayed:
-        outcome = outcome_of(result, second, reference, replayed, equal_error=equal_error)
+    outcome = outcome_of(result, second, reference)
     if folder is not None:
         if not has_report(outcome, folder):
             remove_file(folder / REPORT)
@@ -196,7 +191,7 @@ class Comparison:
 
     @property
     def sentences(self) -> list[str]:
-        """Sentences about each pair of cells, also at equal error if computed, and then the warnings.
+        """Sentences about each pair of cells, and then the warnings.
 
         If no cells are compared, there is a sentence about each cell instead.
         """
@@ -233,9 +228,7 @@ class ReportFile(NotebookView):
         return f"ReportFile({str(self.path)!r})"
 
 
-def compared(
-    result: StudyResult, reference: str | None, confirm: bool, equal_error: bool = False
-) -> Comparison:
+def compared(result: StudyResult, reference: str | None, confirm: bool) -> Comparison:
     """Compare the selected cells pairwise.
 
     Args:
@@ -243,9 +236,8 @@ def compared(
             two strategies are compared; of any other field, each value with the first one. ``cell_comparison.pairs_of``
             has the rules in full.
         confirm: whether the study is first repeated on another seed, to confirm the differences.
-        equal_error: whether strategies are also compared at equal error.
     """
-    return Comparison(outcome_after(result, reference=reference, confirm=confirm, equal_error=equal_error))
+    return Comparison(outcome_after(result, reference=reference, confirm=confirm))
 
 
 def plotted(result: StudyResult, name: str, style: str) -> Picture:
@@ -291,9 +283,7 @@ def reported(result: StudyResult, folder: Path | None, replace: bool) -> ReportF
 
 def _write(result: StudyResult, folder: Path) -> ReportFile:
     """Write tables, pictures and report into an existing folder; pictures are as wide as a journal's column."""
-    # The report keeps the comparison at equal error that the study's folder has.
-    equal_error = (result.store.root / "equal_error.csv").is_file()
-    outcome = outcome_of(result, equal_error=equal_error)
+    outcome = outcome_of(result)
     write_outcome(outcome, folder)
     document = write_report(outcome, folder)
     write_figures(folder / PICTURES, document, "column")

@@ -596,9 +596,7 @@ class StudyResult(NotebookView):
         table: pl.DataFrame = study_verbs().outcome_of(self, compare=False).table
         return table
 
-    def compare(
-        self, reference: str | None = None, *, confirm: bool = False, equal_error: bool = False
-    ) -> Comparison:
+    def compare(self, reference: str | None = None, *, confirm: bool = False) -> Comparison:
         """Compare the cells run by run, in sentences with intervals and in a table.
 
         Args:
@@ -606,13 +604,12 @@ class StudyResult(NotebookView):
                 compared; by default, every two strategies are compared, and each value of another field is compared
                 with the field's first value.
             confirm: run the study on another seed too, to confirm differences.
-            equal_error: compare strategies at equal error too; this replays up to 1000 runs with many settings.
         Raises:
             InputError: no compared field has the value ``reference``, or no selected cell has runs.
         """
-        check_flags(confirm=confirm, equal_error=equal_error)
+        check_flags(confirm=confirm)
         with named("reference", of="--reference"):
-            comparison: Comparison = study_verbs().compared(self, reference, confirm, equal_error)
+            comparison: Comparison = study_verbs().compared(self, reference, confirm)
         return comparison
 
     def plot(self, name: str = "outcomes", *, style: str = "column") -> Picture:

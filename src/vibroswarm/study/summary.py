@@ -39,13 +39,12 @@ from vibroswarm.study.cell_comparison import (
     comparison_table,
     comparisons,
 )
-from vibroswarm.study.equal_error import at_equal_error, why_not_at_equal_error
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.settled import Settled
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
 
-OF_SOME: Final = ("reported", "comparisons", "equal_error")
+OF_SOME: Final = ("reported", "comparisons")
 """Tables that only some summaries have."""
 
 
@@ -90,8 +89,6 @@ class Outcome:
     """An answer for each pair of cells that is compared."""
     failed_replicate: StudyResult | None = None
     """The second block, if all its batches failed, so that none of its runs is stored; else None."""
-    unmatched: str = ""
-    """What was requested and is not compared at equal error, and why; empty if nothing."""
 
     @cached_property
     def table(self) -> pl.DataFrame:
@@ -113,15 +110,12 @@ class Outcome:
     def tables(self) -> dict[str, pl.DataFrame]:
         """All tables by name.
 
-        These are ``summary``; ``reported``, if robots report something; ``comparisons``, if cells are compared; and
-        ``equal_error``, if they are compared at equal error.
+        These are ``summary``; ``reported``, if robots report something; and ``comparisons``, if cells are compared.
         """
-        matched = [answer.as_row() for answer in self.answers if answer.matched is not None]
         tables = {
             "summary": self.table,
             "reported": self.reported,
             "comparisons": comparison_table(self.comparisons),
-            "equal_error": pl.DataFrame(matched, infer_schema_length=None),
         }
         return {name: table for name, table in tables.items() if table.height}
 
@@ -160,20 +154,15 @@ def outcome_of(
     result: StudyResult,
     replicate: StudyResult | None = None,
     reference: str | None = None,
-    progress: Callable[[float], None] = lambda share: None,
     *,
     compare: bool = True,
-    equal_error: bool = False,
 ) -> Outcome:
     """Summarise the selected cells of a study, with the rows of one cell, or of few small ones, at a time in memory.
 
     Args:
         replicate: the second block of runs, from another seed, see ``cell_comparison``; None if there is none.
         reference: value with which other cells are compared, see ``cell_comparison.pairs_of``.
-        progress: called with the share of cells, 0 to 1, that have been replayed for the comparison at equal error.
         compare: whether cells are compared; if not, only their figures are computed.
-        equal_error: whether strategies are also compared at equal error, which replays up to 1000 runs of each cell
-            with many settings and may take longer than the study itself.
     Raises:
         InputError: no selected cell has runs, or the reference is no value that is compared.
     """
@@ -196,16 +185,14 @@ def outcome_of(
             if len(result.selected) <= KEPT:
                 known[one.cell.number] = compared_columns(by_run)
     compared = tuple(comparisons(result, replicate, reference, known)) if compare else ()
-    matched = at_equal_error(result, compared, progress) if equal_error else {}
     return Outcome(
         result=result,
         replicate=replicate,
         cells=tuple(found[number] for number in result.selected),
         comparisons=compared,
         without_runs=without_runs,
-        answers=answers_of(compared, matched),
+        answers=answers_of(compared),
         failed_replicate=failed_replicate,
-        unmatched=why_not_at_equal_error(result, compared, matched) if equal_error else "",
     )
 
 
