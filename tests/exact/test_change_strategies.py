@@ -114,7 +114,7 @@ def test_where_no_answer_is_ever_right_nothing_is_judged(capsys: pytest.CaptureF
     """Such as the share of tiles that vibrate, which is estimated: decisions beside it are not wrong."""
     assert all(map(math.isnan, judged(course(*RIGHT_THEN_NEW, **{"task.name": "share"})).values()))
     changed = ["--set", "run.t_end_s=60", "--set", "change.at_s=20", "--set", "change.to=redraw"]
-    said = output_of(capsys, "evaluate", *changed, "--task", "share", "--runs", "2", "--no-confirm")
+    said = output_of(capsys, "evaluate", *changed, "--task", "share", "--runs", "2")
     assert "The floor changes" not in said
 
 

@@ -22,7 +22,6 @@ from vibroswarm.analysis.paired import (
     COMPARED,
     Test,
     compare,
-    confirmed,
     difference,
     differences,
     drawn_interval,
@@ -181,31 +180,6 @@ def test_false_alarms_and_what_holm_does_to_them() -> None:
         family_alarms += min(holm(p)) < 0.05
     assert family_alarms / 200 < 0.08
     assert plain_alarms / 200 > 0.15  # five looks without correction
-
-
-def shifted(shift: float, n: int = 40, seed: int = 0) -> pl.DataFrame:
-    return figures(list(generator(seed, "block").normal(shift, 1.0, n)), [0.0] * n)
-
-
-def test_confirmed_only_by_two_blocks_on_one_side() -> None:
-    zero = figures([0.0] * 40, [0.0] * 40)
-
-    def block(shift: float, seed: int) -> object:
-        return compare(shifted(shift, seed=seed), zero, ["decision_time_s"])[0]
-
-    up, again, down, none = block(1.0, 1), block(1.0, 2), block(-1.0, 3), block(0.0, 4)
-    assert confirmed(up, again).confirmed
-    # Whichever of the two a document names first.
-    assert confirmed(up, again).says == "confirmed: the difference is above 0 in both blocks"
-    assert confirmed(down, block(-1.0, 5)).says == "confirmed: the difference is below 0 in both blocks"
-    for second, word in ((down, "opposite"), (none, "no difference")):
-        assert not confirmed(up, second).confirmed
-        assert word in confirmed(up, second).says
-    assert not confirmed(none, up).confirmed
-    assert not confirmed(none, none).confirmed
-    json.dumps(confirmed(up, again).as_dict(), allow_nan=False)
-    with pytest.raises(InputError, match="the same figure twice"):
-        confirmed(up, compare(zero, zero, ["right_share"])[0])
 
 
 def test_not_told_apart_is_not_equal() -> None:

@@ -92,11 +92,11 @@ def test_a_study_of_estimates_compares_their_errors() -> None:
     assert of_cell.runs()["fill_ratio"].to_list() == alone.runs["fill_ratio"].to_list()
     assert of_cell.robots()["estimate"].to_list() == alone.robots["estimate"].to_list()
     compared = comparisons(result.where(**{"task.name": "share"}))
-    assert [one.first.figure for one in compared] == ["estimate_error", "estimate_crps"]
+    assert [one.paired.figure for one in compared] == ["estimate_error", "estimate_crps"]
     decided = comparisons(
         result.where(**{"task.name": "fill_ratio"})
     )  # control: decisions are compared as ever
-    assert "wrong_share" in [one.first.figure for one in decided]
+    assert "wrong_share" in [one.paired.figure for one in decided]
 
 
 def test_a_task_of_ones_own_may_ask_for_another_number() -> None:

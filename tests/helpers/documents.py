@@ -41,7 +41,7 @@ SMALL = {
     ],
     "optimize compare": ["--runs", "4"],
     "optimize sensitivity": ["--budget", "1120"],
-    "evaluate": ["--runs", "4", "--no-confirm", "--no-pictures"],
+    "evaluate": ["--runs", "4", "--no-pictures"],
     "league --belief-runs": ["--runs", "4", "--patterns", "stripe", "--fills", "0.48"],
     "league": [
         *(

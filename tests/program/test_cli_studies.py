@@ -22,7 +22,7 @@ from vibroswarm.study import executors
 from vibroswarm.study.spec import FORMAT
 from vibroswarm.study.study_result import StudyResult
 
-QUIET = ["--no-pictures", "--no-confirm"]
+QUIET = ["--no-pictures"]
 TEXT = """
 runs = 20
 [scenario]
@@ -72,7 +72,7 @@ def test_evaluate_is_the_sweep_of_its_options(tmp_path, study, capsys):
     assert "Nothing to do: all runs exist." in again, "another study would be refused"
 
 
-def test_shares_are_merged_and_confirmed_as_a_sweep_is(study, tmp_path, capsys):
+def test_shares_are_merged_as_a_sweep_is(study, tmp_path, capsys):
     line = ["evaluate", str(study), "--out", str(tmp_path / "whole"), "--runs", "400", "--no-pictures"]
     assert main(line) == 0
     shares = [str(tmp_path / f"share {k}") for k in (1, 2, 3)]
@@ -91,12 +91,8 @@ def test_shares_are_merged_and_confirmed_as_a_sweep_is(study, tmp_path, capsys):
     assert_frame_equal(a.robots(), b.robots(), check_exact=True)
     assert_frame_equal(a.runs(), b.runs(), check_exact=True)
     assert (out / "summary.csv").read_bytes() == (tmp_path / "whole" / "summary.csv").read_bytes()
-    alone = ["evaluate", "merge", str(tmp_path / "alone"), *shares, "--no-pictures", "--no-confirm"]
-    assert main(alone) == 0
-    joined, alone, whole = (
-        (tmp_path / name / "comparisons.csv").read_text() for name in ("joined", "alone", "whole")
-    )
-    assert joined == whole != alone
+    joined, whole = ((tmp_path / name / "comparisons.csv").read_text() for name in ("joined", "whole"))
+    assert joined == whole
 
 
 BAD = {

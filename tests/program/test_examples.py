@@ -56,13 +56,13 @@ def test_experiments_of_others_run(run_example, folder, tmp_path, capsys):
     if "t_end_s" not in text:
         text = text.replace("[scenario]\n", "[scenario]\nrun.t_end_s = 20.0\n")
     study.write_text(re.sub(r"(?m)^runs = \d+", "runs = 1", text), encoding="utf-8")
-    told = json_of(capsys, "evaluate", str(study), "--trust", "--no-pictures", "--no-confirm", "--json")
+    told = json_of(capsys, "evaluate", str(study), "--trust", "--no-pictures", "--json")
     assert len(told["tables"]["summary"]) == len(plan_of(Study.read(study)).study.cells)
 
 
 def test_the_figure_of_fill_ratios(run_example, capsys):
     command = ["evaluate", "examples/fill_ratios.toml", "--out", "study", "--runs", "20"]
-    assert main([*command, "--no-pictures", "--no-confirm"]) == 0
+    assert main([*command, "--no-pictures"]) == 0
     told = run_example("fill_ratios", "study", "figure")
     assert "over 20 runs each" in told
     numbers = pl.read_csv("figure/decision_time_s.csv")

@@ -54,7 +54,7 @@ def evaluated(folder: Path, texts: Sequence[str]) -> Path:
         f'[grid]\n"floor.source" = [{json.dumps(title)}]\n',
         encoding="utf-8",
     )
-    assert main(["evaluate", str(path), "--no-confirm", "-q", "--out", str(out)]) == 0
+    assert main(["evaluate", str(path), "-q", "--out", str(out)]) == 0
     return out
 
 

@@ -132,7 +132,6 @@ def test_tasks_side_by_side_are_kept_apart(files: Path, capsys: pytest.CaptureFi
         *SHORT,
         "--vary",
         f"task.name=fill_ratio,{task}",
-        "--no-confirm",
         "--no-pictures",
         "--out",
         str(out),
@@ -151,7 +150,6 @@ def test_tasks_side_by_side_are_kept_apart(files: Path, capsys: pytest.CaptureFi
         "--out",
         str(out),
         "--trust",
-        "--no-confirm",
         "--no-pictures",
     ]
     assert main([*again, "--executor", "processes", "--workers", "1"]) == 0
@@ -173,7 +171,6 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
         *SHORT,
         "--strategy",
         "none,soft",
-        "--no-confirm",
         "--no-pictures",
         "--out",
         str(study),
@@ -182,7 +179,6 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
     as_in_another_process()
     assert main(["show", str(study)]) == 0
     again = ["evaluate", str(study / "study.toml"), "--out", str(study), "--runs", "12", "--no-pictures"]
-    again += ["--no-confirm"]
     assert "is not loaded" in refusal_of(capsys, *again)
     assert main([*again, "--trust", "--executor", "processes", "--workers", "1"]) == 0
     manifest = json.loads((study / "vibroswarm.json").read_text(encoding="utf-8"))

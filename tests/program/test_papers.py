@@ -28,7 +28,7 @@ def summary(tmp_path: Path, study: str, runs: int, **values: Any) -> pl.DataFram
         text, found = re.subn(rf'(?m)^(".*\b{name}" = ).*$', rf"\g<1>{value}", text)
         assert found, name
     file.write_text(text, encoding="utf-8")
-    quick = ["--trust", "--no-confirm", "--no-pictures", "--runs", str(runs), "--out", str(out)]
+    quick = ["--trust", "--no-pictures", "--runs", str(runs), "--out", str(out)]
     assert main(["evaluate", str(file), *quick]) == 0
     return pl.read_csv(out / "summary.csv")
 

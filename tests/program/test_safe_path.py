@@ -70,7 +70,7 @@ def test_worker_processes(flag, hostile):
         (hostile / "vibroswarm.py").unlink()
     done = ran(
         hostile, *flag, "-m", "vibroswarm", "evaluate", "--executor", "processes", "--workers", "1", "--runs", "4",
-        "--robots", "2", "--set", "run.t_end_s=30", "--no-confirm", "--no-pictures",
+        "--robots", "2", "--set", "run.t_end_s=30", "--no-pictures",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
 

@@ -182,7 +182,7 @@ def test_they_are_in_a_study_beside_another_strategy_and_in_a_study_file() -> No
         other.replace("p.spreads", "p.early").replace("= 2.0", "= 0.2"), encoding="utf-8"
     )
     both = [*ASKED[:4], "--strategy", "tally.py:tally,hasty.py:hasty", *ASKED[6:]]
-    assert main(["evaluate", *both, *FLOOR, "--runs", "20", "--no-confirm", "--out", "two"]) == 0
+    assert main(["evaluate", *both, *FLOOR, "--runs", "20", "--out", "two"]) == 0
     strategies.base.forget("hasty")
     summary = StudyResult.open(Path("two")).summary()
     assert summary["decision_time_s"][1] < summary["decision_time_s"][0]
@@ -201,7 +201,7 @@ def test_they_are_in_a_study_beside_another_strategy_and_in_a_study_file() -> No
         "strategy.tally.spreads" = [1.0, 3.0]
     """
     Path("study.toml").write_text(text, encoding="utf-8")
-    assert main(["evaluate", "study.toml", "--trust", "--no-confirm", "--no-pictures", "--out", "grid"]) == 0
+    assert main(["evaluate", "study.toml", "--trust", "--no-pictures", "--out", "grid"]) == 0
     summary = StudyResult.open(Path("grid")).summary()
     assert summary["swarm_wrong"].to_list() == [0.0] * 4
     assert summary["estimate"].to_list() == pytest.approx([0.22, 0.22, 0.09, 0.09], abs=0.04)

@@ -1,8 +1,6 @@
-"""Which cells of a study are compared, with what, and what a second block of seeds adds."""
+"""Which cells of a study are compared, and with what."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import polars as pl
 import pytest
@@ -12,8 +10,6 @@ from vibroswarm.study.cell_comparison import (
     comparison_table,
     comparisons,
     pairs_of,
-    second_block,
-    second_seed,
 )
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
@@ -38,56 +34,38 @@ def test_floors_are_never_compared_and_one_cell_has_nothing_to_be_compared_with(
 
 
 @pytest.fixture(scope="module")
-def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyResult, StudyResult]:
-    study = Study.of(SHORT, 60, strategy__name=["none", "soft"], decision__gate=["total", "own"])
-    result = study.run(tmp_path_factory.mktemp("study") / "store")
-    return result, second_block(result)
+def result() -> StudyResult:
+    return Study.of(SHORT, 60, strategy__name=["none", "soft"], decision__gate=["total", "own"]).run()
 
 
-def test_the_second_block_is_of_other_seeds_and_lies_in_the_study(
-    compared: tuple[StudyResult, StudyResult],
-) -> None:
-    result, replicate = compared
-    assert replicate.study.seed == second_seed(result.study.seed) != result.study.seed
-    assert Path(replicate.store.folder).parent == Path(result.store.folder)
-    assert not replicate.runs(0)["fill_ratio"].is_empty()
-    assert not result.runs(0).equals(replicate.runs(0))
-    assert [cell.scenario for cell in replicate.study.cells] == [cell.scenario for cell in result.study.cells]
-
-
-def test_differences_are_those_of_the_paired_runs(compared: tuple[StudyResult, StudyResult]) -> None:
-    result, replicate = compared
-    found = comparisons(result, replicate)
+def test_differences_are_those_of_the_paired_runs(result: StudyResult) -> None:
+    found = comparisons(result)
     assert len(found) == 4 * 6  # four pairs, six figures
     one = next(
-        c for c in found if c.name == "soft - none (gate total)" and c.first.figure == "decision_time_s"
+        c for c in found if c.name == "soft - none (gate total)" and c.paired.figure == "decision_time_s"
     )
     capped = pl.col("decision_time_s").fill_null(200.0).mean()
     by_run = [
         result.robots(number).group_by("run", maintain_order=True).agg(capped)["decision_time_s"]
         for number in (one.cell.number, one.reference.number)
     ]
-    assert one.first.difference.estimate == pytest.approx((by_run[0] - by_run[1]).mean())
-    assert one.first.pairs == 60
-    assert one.replicate is not None
-    assert one.replicate.second.pairs == 60
-    again = [replicate.robots(cell.number).select(capped).item() for cell in (one.cell, one.reference)]
-    assert one.replicate.second.difference.estimate == pytest.approx(again[0] - again[1])
-    assert one.first.wins + one.first.ties + one.first.losses == 60
+    assert one.paired.difference.estimate == pytest.approx((by_run[0] - by_run[1]).mean())
+    assert one.paired.pairs == 60
+    assert one.paired.wins + one.paired.ties + one.paired.losses == 60
 
 
-def test_p_values_are_corrected_over_all_comparisons(compared: tuple[StudyResult, StudyResult]) -> None:
-    found = comparisons(*compared)
-    known = [c.first for c in found if c.first.p_value == c.first.p_value]
+def test_p_values_are_corrected_over_all_comparisons(result: StudyResult) -> None:
+    found = comparisons(result)
+    known = [c.paired for c in found if c.paired.p_value == c.paired.p_value]
     smallest = min(known, key=lambda paired: paired.p_value)
     assert smallest.p_holm == pytest.approx(min(1.0, len(known) * smallest.p_value))
     assert all(paired.p_holm >= paired.p_value for paired in known)
 
 
 def test_the_table_has_a_row_a_comparison_and_plain_columns(
-    compared: tuple[StudyResult, StudyResult],
+    result: StudyResult,
 ) -> None:
-    table = comparison_table(comparisons(*compared))
+    table = comparison_table(comparisons(result))
     assert table.height == 24
     assert {
         "name",
@@ -95,16 +73,13 @@ def test_the_table_has_a_row_a_comparison_and_plain_columns(
         "difference",
         "difference_low",
         "p_holm",
-        "again_difference",
-        "confirmed",
     } <= set(table.columns)
     assert not any(dtype.is_nested() for dtype in table.dtypes)
 
 
-def test_the_forced_error_of_a_run_is_that_of_its_robots(compared: tuple[StudyResult, StudyResult]) -> None:
+def test_the_forced_error_of_a_run_is_that_of_its_robots(result: StudyResult) -> None:
     """By a loop over robots, from the definition: wrong, or undecided and leaning to the wrong side."""
-    result, _ = compared
-    one = next(c for c in comparisons(*compared) if c.first.figure == "forced_error")
+    one = next(c for c in comparisons(result) if c.paired.figure == "forced_error")
     means = []
     for number in (one.cell.number, one.reference.number):
         robots, runs = result.tables(number)
@@ -116,4 +91,4 @@ def test_the_forced_error_of_a_run_is_that_of_its_robots(compared: tuple[StudyRe
             error = leans if decision == -1 else float(decision != truth[row["run"]])
             errors.setdefault(row["run"], []).append(error)
         means.append(sum(sum(e) / len(e) for e in errors.values()) / len(errors))
-    assert one.first.difference.estimate == pytest.approx(means[0] - means[1])
+    assert one.paired.difference.estimate == pytest.approx(means[0] - means[1])

@@ -13,8 +13,7 @@ A cell is the runs of one scenario.
 | equivalent | - | the interval lies inside (-margin, margin): two one-sided tests, each at (1 - level) / 2 |
 
 **What pairing does not do.** Common random numbers remove the luck of each run from the comparison, but all comparisons
-on the same block of seeds share their luck. An important comparison is therefore repeated on a second block, with fresh
-motion and floors. It counts as confirmed only if both intervals exclude 0 on the same side (``confirmed``).
+on the same block of seeds share their luck. An important comparison is therefore repeated with another seed.
 
 **Motion and floor are two sources of variance.** With a fresh floor for each run the interval over runs covers both.
 With one fixed floor it covers motion only and applies to that floor: more runs do not generalise it. With I motions
@@ -254,45 +253,6 @@ def holm(p_values: ArrayLike) -> list[float]:
     scaled = p[order] * np.arange(order.size, 0, -1)  # (m - i + 1) p_(i)
     corrected[order] = np.minimum(np.maximum.accumulate(scaled), 1.0)  # Holm 1979
     return [float(value) for value in corrected]
-
-
-@dataclass(frozen=True)
-class Confirmation(ForJson):
-    """A comparison on a first block of seeds and its repetition on a second."""
-
-    first: Paired
-    """The comparison of two cells on the first block."""
-    second: Paired
-    """The comparison of the same cells on the second block."""
-    confirmed: bool
-    says: str
-    """The result in words."""
-
-
-def confirmed(first: Paired, second: Paired) -> Confirmation:
-    """Determine whether the comparison on a second block of seeds (fresh motion, fresh floors) confirms the first.
-
-    A second comparison confirms the first if the intervals of both differences exclude 0 on the same side.
-
-    Args:
-        first, second: comparisons of the same two cells on the first and on the second block.
-    Raises:
-        InputError: they compare different figures.
-    """
-    if first.figure != second.figure:
-        raise InputError(
-            f"'{second.figure}' cannot confirm '{first.figure}'; give the same figure twice", field="second"
-        )
-    sides = [side(first.difference), side(second.difference)]
-    if sides[0] == 0:
-        says = "the first block shows no difference"
-    elif sides[1] == 0:
-        says = "not confirmed: the second block shows no difference"
-    elif sides[0] != sides[1]:
-        says = "not confirmed: the blocks differ in opposite ways"
-    else:
-        says = f"confirmed: the difference is {'above' if sides[0] > 0 else 'below'} 0 in both blocks"
-    return Confirmation(first, second, confirmed=confirms(second.difference, first.difference), says=says)
 
 
 def confirms(again: Interval, first: Interval) -> bool:

@@ -14,10 +14,10 @@ from typing import Annotated
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import Destination, document_of, print_with_place, save_with_pictures
 from vibroswarm.cli.option_values import refuse
-from vibroswarm.cli.options import Compared, Comparisons, Drawn, Execution, Parts, Simulated, Unsaved
+from vibroswarm.cli.options import Compared, Comparisons, Drawn, Parts, Simulated, Unsaved
 from vibroswarm.cli.progress import say_compiling
 from vibroswarm.cli.scenario_options import scenario_from, words_of
-from vibroswarm.cli.studies import claim_study, confirm_and_print, do_study
+from vibroswarm.cli.studies import claim_study, do_study, summarise_and_print
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.core.child_python import MOST_WORKERS
 from vibroswarm.core.folders import REPORT
@@ -90,8 +90,8 @@ def merge(
     /,
     *shards: Annotated[Path, Option("folders of shards", "SHARD")],
     force: Annotated[bool, Option("replace OUT if it holds something else")] = False,
+    mixed: Annotated[bool, Option("join results of other versions; the report says so")] = False,
     comparison: Comparisons,
-    execution: Execution,
     output: Unsaved,
 ) -> None:
     """Join folders made with --shard, and summarise the study.
@@ -106,12 +106,12 @@ def merge(
 
     whole = Drawn(out=out, force=force, **vars(output))
     # Shards that cannot be merged are refused now, since `--force` removes the folder.
-    study = jobs_of_one_study(shards, mixed=execution.mixed)[0].study
+    study = jobs_of_one_study(shards, mixed=mixed)[0].study
     pairs_of(study, comparison.reference)  # refuses an unknown reference before anything is written
-    claim_study(whole, study, mixed=execution.mixed)
-    store = merge_shards(out, shards, mixed=execution.mixed)
+    claim_study(whole, study, mixed=mixed)
+    store = merge_shards(out, shards, mixed=mixed)
     every_cell = tuple(cell.number for cell in store.study.cells)
-    confirm_and_print(StudyResult(store.study, store, selected=every_cell), comparison, execution, whole)
+    summarise_and_print(StudyResult(store.study, store, selected=every_cell), comparison, whole)
 
 
 def tradeoff(

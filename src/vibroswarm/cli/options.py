@@ -304,9 +304,6 @@ class Parts(Execution):
 class Comparisons:
     """How cells are compared."""
 
-    no_confirm: Annotated[
-        bool, Option("do not repeat comparisons on other seeds (saves up to 1000 runs)")
-    ] = False
     reference: Annotated[
         str | None,
         Option("compare with this strategy (or other varied value) only; default: strategies in all pairs"),

@@ -16,7 +16,7 @@ from vibroswarm.cli.deliver import (
     wants_pictures,
 )
 from vibroswarm.cli.option_values import refuse
-from vibroswarm.cli.options import Comparisons, Drawn, Execution, Parts, Saved
+from vibroswarm.cli.options import Comparisons, Drawn, Parts, Saved
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import STAGES, say_compiling
 from vibroswarm.cli.scenario_options import warn_of
@@ -31,44 +31,31 @@ if TYPE_CHECKING:
 
 
 def do_study(study: Study, comparison: Comparisons, execution: Parts, output: Drawn) -> None:
-    """Run a study, repeat its comparisons on other seeds, then summarise, print and draw it.
+    """Run a study, then summarise, print and draw it.
 
     Raises:
         RunError: runs failed. The error is raised at the end, when all other runs are finished, saved and printed.
     """
     from vibroswarm.study.cell_comparison import pairs_of
 
-    compared = bool(pairs_of(study, comparison.reference))  # refuses an unknown reference
-    again = compared and not comparison.no_confirm
-    result = run_parts(study, execution, output, allow_failures=True, again=again)
+    pairs_of(study, comparison.reference)  # refuses an unknown reference
+    result = run_parts(study, execution, output, allow_failures=True)
     if result is not None:  # else only a shard or a batch was requested
-        confirm_and_print(result, comparison, execution, output)
+        summarise_and_print(result, comparison, output)
 
 
-def confirm_and_print(
-    result: StudyResult, comparison: Comparisons, execution: Execution, output: Drawn
-) -> None:
-    """Repeat the comparisons of a finished study on other seeds, then summarise, print and draw it.
-
-    If no run finished, nothing is repeated or printed.
+def summarise_and_print(result: StudyResult, comparison: Comparisons, output: Drawn) -> None:
+    """Summarise, print and draw a finished study; if no run finished, nothing is printed.
 
     Raises:
         RunError: runs failed. The error is raised at the end, when everything is saved and printed.
     """
     from vibroswarm.study.evaluation import outcome_after, raise_failures
 
-    outcome = None
     if result.cells["there"].sum():
-        outcome = outcome_after(
-            result,
-            output.out,
-            reference=comparison.reference,
-            confirm=not comparison.no_confirm,
-            stages=STAGES,
-            **execution.how,
-        )
+        outcome = outcome_after(result, output.out, reference=comparison.reference)
         _print_outcome(outcome, output)
-    raise_failures(result, outcome, kept=output.out is not None)
+    raise_failures(result, kept=output.out is not None)
 
 
 def _print_outcome(outcome: Outcome, output: Drawn) -> None:
@@ -107,14 +94,12 @@ def run_parts(
     output: Saved,
     *,
     allow_failures: bool = False,
-    again: bool = False,
 ) -> StudyResult | None:
     """Print the plan of a study and run it, or only the part that ``--shard`` or ``--batch`` names.
 
     Args:
         allow_failures: return the result even if runs failed. A shard has no result to return, so its failures are
             raised anyway.
-        again: as of ``print_plan``.
     Returns:
         The result; None if only a part of the study was run: then a sentence about that part is printed.
     Raises:
@@ -138,7 +123,7 @@ def run_parts(
         store = run_batch(study, out, execution.batch, mixed=execution.mixed)
         print_line(batch_sentence(execution.batch, store))
         return None
-    print_plan(study, out, job, again=again and job is None)
+    print_plan(study, out, job)
     with STAGES.runs("simulating") as progress:
         result = run(
             study,
@@ -167,7 +152,6 @@ def print_plan(
     out: Path | None,
     job: Job | None,
     *,
-    again: bool = False,
     tests: Mapping[str, Study] = MappingProxyType({}),
 ) -> None:
     """Print on stderr what a study consists of, and how much of it is left to do.
@@ -175,13 +159,10 @@ def print_plan(
     Args:
         out: the study's folder, whose finished runs are not repeated; None if nothing is saved.
         job: the shard that will be run; None if the whole study will be run.
-        again: whether the runs are repeated on other seeds.
         tests: further studies of the command, by the name of their folder in ``out``.
     """
     from vibroswarm.documents.plan import plan_sentence, work_sentence
-    from vibroswarm.study.cell_comparison import SECOND, in_second_block, on_other_seeds
     from vibroswarm.study.plan import plan_of
-    from vibroswarm.study.precision import FIRST_LOOK
     from vibroswarm.study.runner import runs_left
     from vibroswarm.study.store import Store
 
@@ -194,11 +175,7 @@ def print_plan(
 
     say_compiling()
     if not printing.quiet:
-        repeated, further = 0, 0
-        if again:
-            second = on_other_seeds(study, study.runs or FIRST_LOOK)
-            with in_second_block():
-                repeated = runs_left(store_of(second, None if out is None else out / SECOND))
-        for name, one in tests.items():
-            further += runs_left(store_of(one, None if out is None else out / name))
-        report(work_sentence(runs_left(store_of(study, out), job), job, again=repeated, further=further))
+        further = sum(
+            runs_left(store_of(one, None if out is None else out / name)) for name, one in tests.items()
+        )
+        report(work_sentence(runs_left(store_of(study, out), job), job, further=further))

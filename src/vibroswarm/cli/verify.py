@@ -22,7 +22,7 @@ def verify(
     """Simulate a sample of saved runs again from their seed, and compare them bit by bit.
 
     A run that differs was made by other code or other versions of libraries, on another kind of processor, or its files
-    were changed. Runs of folders within, such as a study's second block, are drawn too. The exit code is 1 if a run
+    were changed. Runs of folders within, such as the tests of a league, are drawn too. The exit code is 1 if a run
     differs, or a file with runs is damaged.
 
     examples:

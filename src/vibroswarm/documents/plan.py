@@ -30,20 +30,18 @@ def _shared(plan: Plan) -> str:
     )
 
 
-def work_sentence(left: int, job: Job | None = None, *, again: int = 0, further: int = 0) -> str:
+def work_sentence(left: int, job: Job | None = None, *, further: int = 0) -> str:
     """Return how many runs a command has to do.
 
     Args:
-        left: missing runs. job: the part of the study to which they belong; None if all of it is run. again: missing
-            runs on other seeds. further: those of a league's tests.
+        left: missing runs. job: the part of the study to which they belong; None if all of it is run. further: missing
+            runs of a league's tests.
     """
-    if left + again + further == 0:
+    if left + further == 0:
         return f"Nothing to do: {'no run of this shard is missing' if job else 'all runs exist'}."
     words = []
     if left:
         words.append(f"{count(left, 'run')} of motion{' in this shard' if job else ''}")
-    if again:
-        words.append(f"{count(again, 'run')} on other seeds")
     if further:
         words.append(f"{count(further, 'run')} to test beliefs and faults")
     return f"To do: {listed(words)}"

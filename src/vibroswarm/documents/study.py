@@ -1,7 +1,7 @@
 """The document of a study: what its comparisons say, its cells, and how they came to decide.
 
 The answer is a sentence for each pair of cells, or for each cell if none are compared. Then come the differences, the
-outcome of the cells, decisions over time, comparisons with the second block, how robots sampled, and decidability.
+outcome of the cells, decisions over time, comparisons, how robots sampled, and decidability.
 """
 
 from __future__ import annotations
@@ -143,10 +143,10 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
         row: dict[str, Any] = {"name": answer.name}
         for effect in answer.effects:
             if effect.is_defined:
-                row |= columns_of(effect.first.figure, effect.first.difference)
+                row |= columns_of(effect.paired.figure, effect.paired.difference)
         better = {True: [], False: [], None: []}  # type: dict[bool | None, list[str]]
         for effect in answer.effects:
-            better[effect.better].append(SHORT[effect.first.figure])
+            better[effect.better].append(SHORT[effect.paired.figure])
         row |= {"better": ", ".join(better[True]) or None, "worse": ", ".join(better[False]) or None}
         rows.append(row)
     frame = pl.DataFrame(
@@ -355,47 +355,30 @@ _COMPARED_WORDS: Final = (
     "are from sign flips, and allow for rare differences that did not occur; p-values are corrected over all "
     "comparisons (Holm)."
 )
-_AGAIN_WORDS: Final = (
-    " Each is repeated on other seeds, with fresh motion, noise and random floors: a difference is confirmed only if "
-    "both show it."
-)
 
 
 def _compared_parts(outcome: Outcome, table: pl.DataFrame) -> list[Part]:
     """Return how comparisons are made, a table for each figure, and their figures."""
     figures = table.drop_nulls("difference")["figure"].unique(maintain_order=True)
     tables = tuple(_compared_table(table, BY_COLUMN[figure]) for figure in figures)
-    title, words = "How they compare", _COMPARED_WORDS
-    if "confirmed" in table.columns:
-        title, words = f"{title}, and on other seeds", words + _AGAIN_WORDS
     return [
-        Section(title, (Text(words), *tables), wide=True),
+        Section("How they compare", (Text(_COMPARED_WORDS), *tables), wide=True),
         *comparison_figures(outcome.comparisons),
     ]
 
 
 def _compared_table(table: pl.DataFrame, figure: RunFigure) -> Table:
-    """Tabulate the differences of a figure, and those in the second block, if there is one."""
+    """Tabulate the differences of a figure."""
     of_cell = column_of(figure)
     unit, decimals = ("points", 1) if figure.is_share else (figure.unit, of_cell.decimals)
-
-    def difference(title: str) -> Column:
-        return replace(of_cell, title=title, unit=unit, decimals=decimals, sign=True)
-
     columns = {
         "name": Column("compared"),
-        "difference": difference("difference"),
+        "difference": replace(of_cell, title="difference", unit=unit, decimals=decimals, sign=True),
         "p_holm": Column("p, corrected", p_value=True),
-        "again_difference": difference("on other seeds"),
-        "confirmed": Column("difference is", tones={"confirmed": "good", "not confirmed": "open"}),
         "wins": Column("runs better"),
         "ties": Column("equal"),
         "losses": Column("worse"),
     }
-    if "confirmed" in table.columns:
-        words = pl.col("confirmed").replace_strict({True: "confirmed", False: "not confirmed"}, default=None)
-        # A dash: not repeated, as runs of the second block failed.
-        table = table.with_columns(confirmed=words)
     rows = (
         table.filter(figure=figure.by_run)
         .drop_nulls("difference")
@@ -461,12 +444,9 @@ def _decidable(outcome: Outcome) -> pl.DataFrame:
 
 
 def _made_by(outcome: Outcome) -> Mapping[str, str]:
-    """Return hash, seeds, source of motion, versions, and the command that repeats the study."""
+    """Return hash, seed, source of motion, versions, and the command that repeats the study."""
     study = outcome.result.study
     made_by = {"study": study.hash, "seed": str(study.seed), "engine": study.motion}
-    if outcome.replicate is not None:  # the runs from another seed, with which differences are confirmed
-        second = outcome.replicate.study
-        made_by["second block"] = f"seed {second.seed}, {count(second.runs or 0, 'run')} per cell"
     made_by |= versions_in_words(outcome.result.store.made_by)
     folder = outcome.result.store.folder
     if not outcome.result.is_saved:

@@ -364,7 +364,6 @@ def comparison_figures(compared: Sequence[Compared]) -> Iterator[Figure]:
     for name in table["figure"].unique(maintain_order=True):
         figure = BY_COLUMN[name]
         scale, unit = (100.0, "percentage points") if figure.is_share else (1.0, figure.unit)
-        # the differences in the study's own runs, not in a second block from another seed
         frame = table.filter(figure=name).select(
             "wins", "ties", "losses", comparison="name", runs="pairs", difference=scale * pl.col("difference"),
             low=scale * pl.col("difference_low"), high=scale * pl.col("difference_high"),

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, Final
 
-from vibroswarm.core.folders import has_manifest
 from vibroswarm.core.numbers import count, count_of, number, whole
 from vibroswarm.documents.study import study_document
 from vibroswarm.errors import InputError, shown
 from vibroswarm.show.document import Document, Text
-from vibroswarm.study.cell_comparison import SECOND, in_second_block
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.store import Store, resume_command
 from vibroswarm.study.study_result import StudyResult
@@ -30,7 +27,6 @@ def study_state(store: Store) -> dict[str, Any]:
     depends on a precision (``until``).
     """
     study, plan = store.study, plan_of(store.study)
-    repetition, damage = _repetition_of(store)
     # one row for each cell, with the numbers of its runs that are wanted and of those that are there
     cells = StudyResult(study, store, selected=tuple(cell.number for cell in study.cells)).cells
     size = sum(path.stat().st_size for shard in store.shards for path in shard.files.values())
@@ -50,21 +46,11 @@ def study_state(store: Store) -> dict[str, Any]:
         "shards": len(store.shards),
         "bytes": size,
         "keeps": ["robots and runs", *study.keep],
-        "damaged": [*store.damaged, *(damage if repetition is None else repetition.store.damaged)],
+        "damaged": store.damaged,
         "failed_batches": store.failures,
         "left_over_files": store.left_over,
         "made_by": store.made_by,
     }
-
-
-def _repetition_of(store: Store) -> tuple[StudyResult | None, list[str]]:
-    """Return the repetition of a study on other seeds, if its folder holds one; and why it cannot be read."""
-    second = store.root / SECOND
-    try:
-        with in_second_block():
-            return (StudyResult.open(second) if has_manifest(second) else None), []
-    except InputError as error:
-        return None, [store.as_given(error)]
 
 
 def state_document(about: dict[str, Any], needed: str = "") -> Document:
@@ -88,10 +74,7 @@ def state_document(about: dict[str, Any], needed: str = "") -> Document:
     command = about["command"]
     again = f"run the same {shown(f'vibroswarm {command}')} command again"
     if command == "evaluate":  # which reads all of it from the folder
-        folder = Path(about["folder"]).absolute()
-        # A repetition is resumed with its study: by itself, it would be repeated on further seeds.
-        is_repetition = folder.name == SECOND and has_manifest(folder.parent)
-        again = resume_command(folder.parent if is_repetition else about["folder"])
+        again = resume_command(about["folder"])
     return Document(
         title=about["name"] or "Study",
         answer=(
@@ -129,16 +112,12 @@ OF_CODE: Final = ("strategy.name", "network.name", "task.name", "sensor.model")
 
 
 def results_of(store: Store) -> Document | None:
-    """Return what the finished runs of a study say; None if no run is finished.
-
-    If the folder holds a repetition of the study on other seeds (``SECOND``), the document states which comparisons are
-    confirmed by it.
-    """
+    """Return what the finished runs of a study say; None if no run is finished."""
     every_cell = tuple(cell.number for cell in store.study.cells)
     result = StudyResult(store.study, store, selected=every_cell)
     if not result.cells["there"].sum():
         return None
-    return study_document(outcome_of(result, _repetition_of(store)[0]))
+    return study_document(outcome_of(result))
 
 
 def results_or_need(store: Store) -> tuple[Document | None, str]:

@@ -1,7 +1,7 @@
 """Sentences about a study: its question, what each comparison of two cells says, its cells, and warnings.
 
     soft is faster than none, and wrong more often: 127 s faster [102, 153], 11.9 points more right [8.4, 15.5], 6.7
-    points more wrong [3.9, 9.4]; confirmed on other seeds.
+    points more wrong [3.9, 9.4].
 
 Shares are shares of robots, and "points" are percentage points.
 """
@@ -128,7 +128,7 @@ def question(outcome: Outcome) -> str:
 
 def headline(answer: Answer) -> str:
     """Write which of two cells is faster and which is wrong more often, in a few words."""
-    by_figure = {effect.first.figure: effect for effect in answer.effects}
+    by_figure = {effect.paired.figure: effect for effect in answer.effects}
     if "estimate_error" in by_figure:
         exact = _comparative(by_figure["estimate_error"], "less exact", "more exact")
         return (
@@ -152,11 +152,11 @@ def headline(answer: Answer) -> str:
 def _comparative(effect: Compared, if_higher: str, if_lower: str) -> str | None:
     if not effect.significant:
         return None
-    return if_lower if effect.first.difference.estimate < 0 else if_higher
+    return if_lower if effect.paired.difference.estimate < 0 else if_higher
 
 
 def sentence(answer: Answer) -> str:
-    """Write all significant differences and whether they are confirmed; a second sentence lists the others."""
+    """Write all significant differences; a second sentence lists the others."""
     shown = [effect for effect in answer.effects if effect.significant]
     others = [effect for effect in answer.effects if effect.is_defined and not effect.significant]
     where = f" ({answer.rest})" if answer.rest else ""
@@ -165,8 +165,8 @@ def sentence(answer: Answer) -> str:
         if not others:
             return f"{names}{where} cannot be compared: no difference between them is defined."
         return f"{names}{where}: no significant difference ({_differences(others)})."
-    differences = ", ".join(_directed(effect.first.figure, effect.first.difference) for effect in shown)
-    text = f"{headline(answer)}{where}: {differences}; {_confirmed(shown)}."
+    differences = ", ".join(_directed(effect.paired.figure, effect.paired.difference) for effect in shown)
+    text = f"{headline(answer)}{where}: {differences}."
     return text + (f" Not significant: {_differences(others)}." if others else "")
 
 
@@ -204,26 +204,10 @@ def _differences(effects: Iterable[Compared]) -> str:
     An interval is of one comparison; where it excludes 0, the p-value says why the difference is not significant.
     """
     return ", ".join(
-        f"{SHORT[effect.first.figure]} {_signed(effect.first.figure, effect.first.difference)}"
-        f"{f', p = {p_value(effect.first.p_holm)} after correction' if side(effect.first.difference) else ''}"
+        f"{SHORT[effect.paired.figure]} {_signed(effect.paired.figure, effect.paired.difference)}"
+        f"{f', p = {p_value(effect.paired.p_holm)} after correction' if side(effect.paired.difference) else ''}"
         for effect in effects
     )
-
-
-def _confirmed(shown: Sequence[Compared]) -> str:
-    """Write which of the significant differences ``shown``, at least one, the runs from the other seed confirm.
-
-    Returns: such as ``time confirmed on other seeds, wrong not confirmed``.
-    """
-    if not any(effect.replicate is not None for effect in shown):
-        return "not repeated on other seeds"
-    confirmed = [SHORT[effect.first.figure] for effect in shown if effect.confirmed]
-    unconfirmed = [SHORT[effect.first.figure] for effect in shown if not effect.confirmed]
-    if not unconfirmed:
-        return "confirmed on other seeds"
-    if not confirmed:
-        return f"{listed(unconfirmed)} not confirmed on other seeds"
-    return f"{listed(confirmed)} confirmed on other seeds, {listed(unconfirmed)} not confirmed"
 
 
 def cell_sentence(one: CellOutcome) -> str:
@@ -329,9 +313,6 @@ def _fault_words(one: CellOutcome) -> str:
 def _missing_runs(outcome: Outcome) -> list[str]:
     """Write which runs failed or are missing."""
     words = [_failed_batches(outcome.result)] if outcome.result.store.failures else []
-    for replicate in (outcome.replicate, outcome.failed_replicate):
-        if replicate is not None and replicate.store.failures:
-            words.append(f"on other seeds, {_failed_batches(replicate)}")
     if outcome.without_runs:
         words.append(
             f"there are no runs of {some([cell.name for cell in outcome.without_runs], MOST_NAMES)}."

@@ -94,7 +94,7 @@ def verify(
 
     Args:
         folder: of a result, a study (also of a league or a detection), a search (runs of its steps and fresh runs), or
-            a reproduction. Runs of folders within, such as a study's second block, are among those that are drawn.
+            a reproduction. Runs of folders within, such as the tests of a league, are among those that are drawn.
         runs: number of runs, drawn from all saved ones; if there are fewer, all. seed: of the draw.
         progress: called with the share of the runs that is done.
     Raises:

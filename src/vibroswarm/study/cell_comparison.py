@@ -1,4 +1,4 @@
-"""Compare cells in pairs, run by run, and again in a second block of runs from another seed.
+"""Compare cells in pairs, run by run.
 
 A pair is a cell and its reference, which differ in a single field, or in the label and the fields that the label stands
 for. Every two strategies are compared, also every two labels that set the strategy. In another field, each value is
@@ -10,43 +10,33 @@ compared only if no other field is varied and it has few values, since many valu
 compared, since it is not a choice of the user of a swarm. The p-values are corrected over all comparisons of a study.
 
 An ``Answer`` says of a pair what differs, as cell - reference. A difference is significant if its p-value,
-corrected over all comparisons of the study, is below 0.05. It is confirmed if the study's second block of runs, from
-another seed, shows it too. ``documents.study_words`` writes answers in sentences.
+corrected over all comparisons of the study, is below 0.05. ``documents.study_words`` writes answers in sentences.
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import polars as pl
 
 from vibroswarm.analysis.cell_summary import CellSummary
 from vibroswarm.analysis.figures import BY_COLUMN
-from vibroswarm.analysis.intervals import columns_of
-from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Confirmation, Paired, compare, confirmed, holm
+from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Paired, compare, holm
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.study.factors import LABEL, flat
-from vibroswarm.study.run import run
 from vibroswarm.study.spec import SOURCE, Cell, Study
 from vibroswarm.study.study_result import StudyResult
 
-SECOND: Final = "second-block"
-"""Name of the folder of the second block, inside the study's own."""
 STRATEGY: Final = "strategy.name"
 """The field of which every two values are compared."""
 SIGNIFICANT: Final = 0.05
 """A difference is significant if its corrected p-value is below this."""
 FIGURES: Final = ("decision_time_s", "right_share", "wrong_share", "undecided_share")
 """The figures of an answer."""
-MOST_AGAIN: Final = 1000
-"""Most runs of the second block, which only has to confirm a difference."""
 MOST_VALUES: Final = 8
 """A field with more values makes a curve and is not compared value by value."""
 MOST_PAIRS: Final = 200
@@ -63,10 +53,8 @@ class Compared:
     reference: Cell
     field: str
     """The compared field. They are equal in all others, except in fields that the label sets if this is ``label``."""
-    first: Paired
-    """The comparison in the study's own runs: cell - reference."""
-    replicate: Confirmation | None
-    """The comparison in the second block, and whether it confirms the first; None without a second block."""
+    paired: Paired
+    """The comparison: cell - reference."""
 
     @property
     def name(self) -> str:
@@ -91,12 +79,12 @@ class Compared:
     @property
     def is_defined(self) -> bool:
         """Whether there is a difference: none is right or wrong where no answer is."""
-        return not math.isnan(self.first.difference.estimate)
+        return not math.isnan(self.paired.difference.estimate)
 
     @property
     def significant(self) -> bool:
         """Whether the p-value, corrected over all comparisons of the study (Holm), is below ``SIGNIFICANT``."""
-        return self.first.p_holm < SIGNIFICANT
+        return self.paired.p_holm < SIGNIFICANT
 
     @property
     def better(self) -> bool | None:
@@ -104,34 +92,12 @@ class Compared:
         if not self.significant:
             return None
         # The direction is 1 if higher is better, else -1.
-        return self.first.difference.estimate * BY_COLUMN[self.first.figure].better > 0
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether the other seed shows the same difference."""
-        return self.replicate is not None and self.replicate.confirmed
+        return self.paired.difference.estimate * BY_COLUMN[self.paired.figure].better > 0
 
     def as_row(self) -> dict[str, Any]:
-        """Return a flat row for a table.
-
-        With a second block, the row also has: the difference there as ``again_difference``, ``again_difference_low``
-        and ``again_difference_high``; ``again_pairs``, the number of runs; ``confirmed``, whether it confirms the first
-        difference; and ``says``, a sentence about that.
-        """
+        """Return a flat row for a table."""
         cells = {"name": self.name, "cell": self.cell.number, "reference": self.reference.number}
-        row: dict[str, Any] = cells | self.first.as_row()
-        if self.replicate is not None:
-            again = self.replicate.second
-            row |= {
-                **{
-                    f"again_{name}": value
-                    for name, value in columns_of("difference", again.difference).items()
-                },
-                "again_pairs": again.pairs,
-                "confirmed": self.replicate.confirmed,
-                "says": self.replicate.says,
-            }
-        return row
+        return cells | self.paired.as_row()
 
 
 def pairs_of(study: Study, reference: str | None = None) -> list[tuple[Cell, Cell, str]]:
@@ -230,125 +196,54 @@ def _fields_of_labels(study: Study) -> set[str]:
     return {LABEL} | {name for entry in study.vary.get("list", ()) for name in flat(entry)}
 
 
-def second_seed(seed: int) -> int:
-    """Derive the seed of the second block from the study's own: 56 bits of a hash, since seeds are below 2^63."""
-    return int.from_bytes(hashlib.sha256(f"second block of {seed}".encode()).digest()[:7])
-
-
-def on_other_seeds(study: Study, runs: int) -> Study:
-    """Return the study of the second block of a study's runs; ``runs`` is what the study has, without a precision."""
-    # ``until=None``: the number of runs is given, so a precision that the study may have does not apply.
-    return replace(study, seed=second_seed(study.seed), runs=min(MOST_AGAIN, runs), until=None, keep=())
-
-
-@contextmanager
-def in_second_block() -> Iterator[None]:
-    """Add to an ``InputError`` about files of a second block that these are computed again without them."""
-    try:
-        yield
-    except InputError as error:
-        if SECOND not in Path(str(error.field)).parts:
-            raise
-        raise InputError(
-            f"{error.reason}; without the folder {SECOND}, its runs are computed again", field=error.field
-        ) from None
-
-
-def second_block(result: StudyResult, **how: Any) -> StudyResult:
-    """Run a study again from another seed, with fresh motion, floors and noise: the second block of its runs.
-
-    It is saved in the folder ``SECOND`` inside the study's folder, or continued if it is there. Every cell gets as many
-    runs as the selected cell with fewest runs, and at most ``MOST_AGAIN``. No samples are saved.
-
-    Args:
-        result: the study. how: further arguments of ``study.run.run``, such as workers.
-    Returns: the result of the second block, for the cells that ``result`` selects.
-    """
-    runs = min(map(result.runs_of, result.selected))
-    with in_second_block():
-        replicate = run(on_other_seeds(result.study, runs), result.store.root / SECOND, **how)
-    return replace(replicate, selected=result.selected)
-
-
 def compared_columns(figures: pl.DataFrame) -> pl.DataFrame:
     """Return the columns of ``figures.run_figures`` in which cells are compared, and the runs."""
     return figures.select("run", *dict.fromkeys((*COMPARED, *ESTIMATED)))
 
 
 def comparisons(
-    result: StudyResult,
-    replicate: StudyResult | None = None,
-    reference: str | None = None,
-    known: Mapping[int, pl.DataFrame] | None = None,
+    result: StudyResult, reference: str | None = None, known: Mapping[int, pl.DataFrame] | None = None
 ) -> list[Compared]:
     """Compare all pairs of the selected cells in all figures, with p-values corrected over all comparisons (Holm).
 
     A pair whose cells have no run in common is left out.
 
     Args:
-        replicate: the second block, None if there is none. reference: as of ``pairs_of``.
+        reference: as of ``pairs_of``.
         known: ``compared_columns`` of some cells of ``result``, by number, which are not computed again.
     Returns: the comparisons pair by pair; those of a pair in the order of ``analysis.paired.COMPARED``, or of its
         ``ESTIMATED`` where the task asks for a number.
     """
-    pairs = pairs_of(result.study, reference)
-    figures = _Figures.of(result, known or {})
-    figures_again = None if replicate is None else _Figures.of(replicate, {})
-    entries = []  # cell, reference, compared field, comparison in the own runs, comparison in the second block
-    for cell, other, name in pairs:
-        own = _pair(figures, cell, other)
-        if own is None:
-            continue
-        # One entry per figure, as in ``own``; all None if the pair has no comparison in a second block.
-        again: Sequence[Paired | None] = _pair(figures_again, cell, other) or [None] * len(own)
-        for paired, paired_again in zip(own, again, strict=True):
-            entries.append((cell, other, name, paired, paired_again))
-    corrected = holm([paired.p_value for *_, paired, _ in entries])
-    found = []
-    for (cell, other, name, paired, paired_again), p in zip(entries, corrected, strict=True):
-        first = replace(paired, p_holm=p)
-        confirmation = None if paired_again is None else confirmed(first, paired_again)
-        found.append(Compared(cell, other, name, first, confirmation))
-    return found
+    given = known or {}
+
+    @lru_cache(maxsize=KEPT)  # pairs share a reference
+    def figures_of(number: int) -> pl.DataFrame:
+        return given[number] if number in given else compared_columns(result.figures(number))
+
+    entries = [
+        (cell, other, name, paired)
+        for cell, other, name in pairs_of(result.study, reference)
+        if {cell.number, other.number} <= set(result.selected)
+        for paired in _pair(cell, other, figures_of(cell.number), figures_of(other.number))
+    ]
+    corrected = holm([paired.p_value for *_, paired in entries])
+    return [
+        Compared(cell, other, name, replace(paired, p_holm=p))
+        for (cell, other, name, paired), p in zip(entries, corrected, strict=True)
+    ]
 
 
-def _pair(figures: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Paired] | None:
-    """Compare two cells in all figures; ``figures``: of the study's own runs, or of a second block, if there is one.
-
-    Returns: a comparison per figure; None without figures, if a cell is not selected, or without common runs.
-    """
-    if figures is None or not {cell.number, reference.number} <= figures.selected:
-        return None
-    figures_of_cell, figures_of_reference = figures.of_cell(cell.number), figures.of_cell(reference.number)
-    if figures_of_cell.join(figures_of_reference, on="run", how="semi").is_empty():
-        return None
+def _pair(cell: Cell, reference: Cell, own: pl.DataFrame, others: pl.DataFrame) -> Sequence[Paired]:
+    """Compare two cells in all figures: ``compared_columns`` of both; nothing if they have no run in common."""
+    if own.join(others, on="run", how="semi").is_empty():
+        return ()
     asks_number = cell.scenario.task.asks_number and reference.scenario.task.asks_number
-    return compare(figures_of_cell, figures_of_reference, ESTIMATED if asks_number else COMPARED)
+    return compare(own, others, ESTIMATED if asks_number else COMPARED)
 
 
 def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
     """Tabulate comparisons, one row per pair of cells and figure; without comparisons the table has no columns."""
     return pl.DataFrame([comparison.as_row() for comparison in compared], infer_schema_length=None)
-
-
-class _Figures(NamedTuple):
-    """Figures of cells of a result."""
-
-    selected: frozenset[int]
-    """Numbers of the cells that the result is about."""
-    of_cell: Callable[[int], pl.DataFrame]
-    """Returns the compared columns of ``figures.run_figures`` of a cell, one row per run."""
-
-    @classmethod
-    def of(cls, result: StudyResult, known: Mapping[int, pl.DataFrame]) -> _Figures:
-        """Return the figures of a result, of which some are ``known``; a few are cached, as pairs share a reference."""
-
-        @lru_cache(maxsize=KEPT)
-        def of_cell(number: int) -> pl.DataFrame:
-            found = known.get(number)
-            return compared_columns(result.figures(number)) if found is None else found
-
-        return cls(frozenset(result.selected), of_cell)
 
 
 def _key(point: dict[str, Any]) -> str:
@@ -390,7 +285,7 @@ def answers_of(compared: Sequence[Compared]) -> tuple[Answer, ...]:
     by_pair: dict[tuple[int, int, str], dict[str, Compared]] = {}
     for one in compared:
         key = (one.cell.number, one.reference.number, one.field)
-        by_pair.setdefault(key, {})[one.first.figure] = one
+        by_pair.setdefault(key, {})[one.paired.figure] = one
     found = [_answer(figures) for figures in by_pair.values()]
     rank_of_rest: dict[str, int] = {}  # the position at which each ``rest`` first appears
     for answer in found:
@@ -400,7 +295,7 @@ def answers_of(compared: Sequence[Compared]) -> tuple[Answer, ...]:
 
 def _time_difference(answer: Answer) -> float:
     """Return the absolute difference in decision time, which is the first effect; 0 if it is undefined."""
-    size = abs(answer.effects[0].first.difference.estimate)
+    size = abs(answer.effects[0].paired.difference.estimate)
     return 0.0 if math.isnan(size) else size
 
 

@@ -1,4 +1,4 @@
-"""What ``vibroswarm evaluate`` does: run a study or a part of it, repeat comparisons on other seeds, summarise, write.
+"""What ``vibroswarm evaluate`` does: run a study or a part of it, summarise, write.
 
 ``evaluate`` does all of it in one call; ``words.study_of`` makes the study from the words of the command. Methods of
 ``Study`` and ``StudyResult`` for an interactive session (running with a bar, summary, comparison, picture, report) call
@@ -29,7 +29,7 @@ from vibroswarm.show.document import Document
 from vibroswarm.show.figures import remove_figures, write_figures
 from vibroswarm.show.page import write_page
 from vibroswarm.show.page_origin import is_made_from, origin
-from vibroswarm.study.cell_comparison import Answer, comparison_table, pairs_of, second_block
+from vibroswarm.study.cell_comparison import Answer, comparison_table, pairs_of
 from vibroswarm.study.run import run
 from vibroswarm.study.runner import Job, Progress, StudyProgress, failures_in_words
 from vibroswarm.study.spec import Study
@@ -42,15 +42,14 @@ def evaluate(
     folder: Path | None = None,
     *,
     reference: str | None = None,
-    confirm: bool = True,
     stages: Stages = SILENT,
     **how: Any,
 ) -> Outcome:
-    """Run a study, repeat its comparisons on other seeds, and summarise it; in a folder, write its tables and its page.
+    """Run a study and summarise it; in a folder, write its tables and its page.
 
     Args:
         folder: where the study is saved, and continued; None: a temporary one.
-        reference, confirm: as of ``outcome_after``. stages: told what is done.
+        reference: as of ``outcome_after``. stages: told what is done.
         how: further arguments of ``study.run.run``, such as workers.
     Raises:
         InputError: the study, the folder or the reference is wrong, or no run finished. RunError: runs failed; what is
@@ -60,38 +59,26 @@ def evaluate(
     with stages.runs("simulating") as progress:
         result = run(study, folder, progress=progress, allow_failures=True, **how)
     if not result.cells["there"].sum():
-        raise_failures(result, None, kept=folder is not None)
-    outcome = outcome_after(result, folder, reference=reference, confirm=confirm, stages=stages, **how)
+        raise_failures(result, kept=folder is not None)
+    outcome = outcome_after(result, folder, reference=reference)
     if folder is not None and not has_report(outcome, folder):
         remove_figures(folder / PICTURES)
         write_report(outcome, folder, stages)
-    raise_failures(result, outcome, kept=folder is not None)
+    raise_failures(result, kept=folder is not None)
     return outcome
 
 
 def outcome_after(
-    result: StudyResult,
-    folder: Path | None = None,
-    *,
-    reference: str | None = None,
-    confirm: bool = True,
-    stages: Stages = SILENT,
-    **how: Any,
+    result: StudyResult, folder: Path | None = None, *, reference: str | None = None
 ) -> Outcome:
-    """Repeat the comparisons of a finished study on other seeds, and summarise it; in a folder, write its tables.
+    """Summarise a finished study; in a folder, write its tables.
 
     A page of an older outcome is removed from the folder.
 
     Args:
-        reference: see ``cell_comparison.pairs_of``. confirm: whether compared cells run again on other seeds.
-        how: as of ``evaluate``.
+        reference: see ``cell_comparison.pairs_of``.
     """
-    second = None
-    if confirm and pairs_of(result.study, reference):
-        with stages.runs("repeating on other seeds") as progress:
-            # Failed runs are allowed, because they are reported after the results.
-            second = second_block(result, progress=progress, allow_failures=True, **how)
-    outcome = outcome_of(result, second, reference)
+    outcome = outcome_of(result, reference)
     if folder is not None:
         if not has_report(outcome, folder):
             remove_file(folder / REPORT)
@@ -115,21 +102,15 @@ def write_report(outcome: Outcome, folder: Path, stages: Stages = SILENT) -> Doc
 
 def _made_from(outcome: Outcome) -> str:
     """Return what the page of a study is made from: its tables and its stored runs."""
-    stored = [
-        [shard.name, dict(shard.made_by)]
-        for part in (outcome.result, outcome.replicate or outcome.failed_replicate)
-        if part is not None
-        for shard in sorted(part.store.shards, key=lambda shard: shard.name)
-    ]
+    shards = sorted(outcome.result.store.shards, key=lambda shard: shard.name)
+    stored = [[shard.name, dict(shard.made_by)] for shard in shards]
     return origin({"document": document_data(document_of(outcome)), "runs": stored})
 
 
-def raise_failures(result: StudyResult, outcome: Outcome | None, *, kept: bool) -> None:
-    """Raise ``RunError`` if runs of a study or of its repetition failed; ``kept``: whether the study's folder stays."""
-    second = None if outcome is None else outcome.replicate or outcome.failed_replicate
-    for one in (result, second):
-        if one is not None and one.store.failures:
-            raise RunError(failures_in_words(one.store, kept=kept, is_repetition=one is second))
+def raise_failures(result: StudyResult, *, kept: bool) -> None:
+    """Raise ``RunError`` if runs of a study failed; ``kept``: whether the study's folder stays."""
+    if result.store.failures:
+        raise RunError(failures_in_words(result.store, kept=kept))
 
 
 def check_part(study: Study, shard: str | None, batch: str | None, folder: Path | None) -> Job | None:
@@ -228,16 +209,15 @@ class ReportFile(NotebookView):
         return f"ReportFile({str(self.path)!r})"
 
 
-def compared(result: StudyResult, reference: str | None, confirm: bool) -> Comparison:
+def compared(result: StudyResult, reference: str | None) -> Comparison:
     """Compare the selected cells pairwise.
 
     Args:
         reference: a value of one of the compared fields, with which the field's other values are compared. None: every
             two strategies are compared; of any other field, each value with the first one. ``cell_comparison.pairs_of``
             has the rules in full.
-        confirm: whether the study is first repeated on another seed, to confirm the differences.
     """
-    return Comparison(outcome_after(result, reference=reference, confirm=confirm))
+    return Comparison(outcome_after(result, reference=reference))
 
 
 def plotted(result: StudyResult, name: str, style: str) -> Picture:

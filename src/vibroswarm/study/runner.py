@@ -244,24 +244,22 @@ class _Runner:
         self.store.add(done)
 
 
-def failures_in_words(store: Store, kept: bool = True, *, is_repetition: bool = False) -> str:
+def failures_in_words(store: Store, kept: bool = True) -> str:
     """Write how many runs of a store failed, with the first cause and what to do.
 
     Args:
         store: with at least one failure. kept: whether the store's folder stays; if not, the text does not say how to
             run a failed batch alone.
-        is_repetition: whether these are the runs on other seeds, of which no batch can be run alone.
     """
     failures = store.failures
     first, runs = failures[0], len(store.lost_runs)
     words = f"{count(runs, 'run')} failed, in {count(len(failures), 'batch', 'batches')}"
     if not kept:
         return f"{words}; the first is run {first['first']} with seed {first['seed']} ({first['why']})."
-    alone = "" if is_repetition else f"Run it alone with --batch {first['batch']}; run"
     return (
-        f"{words}{' on other seeds' * is_repetition}; all others are saved. The first is batch {first['batch']} with "
-        f"seed {first['seed']} ({first['why']}). {alone or 'Run'} the same command again to retry all. They are "
-        f"listed in '{store.folder}/failures'."
+        f"{words}; all others are saved. The first is batch {first['batch']} with seed {first['seed']} "
+        f"({first['why']}). Run it alone with --batch {first['batch']}; run the same command again to retry all. They "
+        f"are listed in '{store.folder}/failures'."
     )
 
 

@@ -596,20 +596,18 @@ class StudyResult(NotebookView):
         table: pl.DataFrame = study_verbs().outcome_of(self, compare=False).table
         return table
 
-    def compare(self, reference: str | None = None, *, confirm: bool = False) -> Comparison:
+    def compare(self, reference: str | None = None) -> Comparison:
         """Compare the cells run by run, in sentences with intervals and in a table.
 
         Args:
             reference: a value of a compared field, such as a strategy, with which the field's other values are
                 compared; by default, every two strategies are compared, and each value of another field is compared
                 with the field's first value.
-            confirm: run the study on another seed too, to confirm differences.
         Raises:
             InputError: no compared field has the value ``reference``, or no selected cell has runs.
         """
-        check_flags(confirm=confirm)
         with named("reference", of="--reference"):
-            comparison: Comparison = study_verbs().compared(self, reference, confirm)
+            comparison: Comparison = study_verbs().compared(self, reference)
         return comparison
 
     def plot(self, name: str = "outcomes", *, style: str = "column") -> Picture:

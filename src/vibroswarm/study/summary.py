@@ -77,8 +77,6 @@ class Outcome:
 
     result: StudyResult
     """The study, for the selected cells that have runs."""
-    replicate: StudyResult | None
-    """Its second block of runs, from another seed; None if there is none, or if none of its runs is stored."""
     cells: tuple[CellOutcome, ...]
     """The figures of each cell."""
     comparisons: tuple[Compared, ...]
@@ -87,8 +85,6 @@ class Outcome:
     """Cells of which no run is stored; they are in no table."""
     answers: tuple[Answer, ...] = ()
     """An answer for each pair of cells that is compared."""
-    failed_replicate: StudyResult | None = None
-    """The second block, if all its batches failed, so that none of its runs is stored; else None."""
 
     @cached_property
     def table(self) -> pl.DataFrame:
@@ -152,7 +148,6 @@ class Outcome:
 
 def outcome_of(
     result: StudyResult,
-    replicate: StudyResult | None = None,
     reference: str | None = None,
     *,
     compare: bool = True,
@@ -160,21 +155,12 @@ def outcome_of(
     """Summarise the selected cells of a study, with the rows of one cell, or of few small ones, at a time in memory.
 
     Args:
-        replicate: the second block of runs, from another seed, see ``cell_comparison``; None if there is none.
         reference: value with which other cells are compared, see ``cell_comparison.pairs_of``.
         compare: whether cells are compared; if not, only their figures are computed.
     Raises:
         InputError: no selected cell has runs, or the reference is no value that is compared.
     """
     result, without_runs = _with_runs(result)
-    failed_replicate: StudyResult | None = None
-    if replicate is not None:
-        # A second block of which no run is stored, since all its batches failed, compares nothing; it gives a warning.
-        has_runs = replicate.cells["there"].sum() > 0
-        # Only cells with runs are compared. Cells without runs in the second block get no warning: they are not listed
-        # in ``Outcome.without_runs``.
-        replicate_with_runs, _ = _with_runs(replicate)
-        replicate, failed_replicate = (replicate_with_runs, None) if has_runs else (None, replicate)
     known: dict[int, pl.DataFrame] = {}
     all_failed = result.failed_runs()
     failed = all_failed.partition_by("cell", as_dict=True)
@@ -184,15 +170,13 @@ def outcome_of(
             found[one.cell.number] = one
             if len(result.selected) <= KEPT:
                 known[one.cell.number] = compared_columns(by_run)
-    compared = tuple(comparisons(result, replicate, reference, known)) if compare else ()
+    compared = tuple(comparisons(result, reference, known)) if compare else ()
     return Outcome(
         result=result,
-        replicate=replicate,
         cells=tuple(found[number] for number in result.selected),
         comparisons=compared,
         without_runs=without_runs,
         answers=answers_of(compared),
-        failed_replicate=failed_replicate,
     )
 
 
