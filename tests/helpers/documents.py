@@ -24,7 +24,6 @@ SMALL = {
     "inspect --damage": ["--sizes", "20", "--replicates", "99"],
     "inspect --out damage": ["--sizes", "14,28", "--contrasts", "1,0.5", "--replicates", "99"],
     "evaluate merge": ["--no-pictures"],
-    "evaluate tradeoff": ["--runs", "4"],
     "league tune": [
         *(
             "--runs",

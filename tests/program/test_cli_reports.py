@@ -8,7 +8,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from helpers.commands import json_of, output_of, refusal_of
+from helpers.commands import json_of, output_of
 from vibroswarm.cli import main
 
 pytestmark = pytest.mark.slow
@@ -106,53 +106,6 @@ def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert tables["pairs"] == pairs.to_dicts()
     assert len(tables["found"]) == 2
     assert len(tables["detection"]) == pl.read_csv(out / "detection.csv").height
-
-
-@pytest.mark.usefixtures("empty_pictures")
-def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "trade"
-    line = [
-        "evaluate",
-        "tradeoff",
-        "--runs",
-        "30",
-        "--thresholds",
-        "0.8,0.95",
-        "--observations",
-        "0,20,40",
-        "--out",
-        out,
-        *SMALL,
-    ]
-    said = output_of(capsys, *line)
-    assert "6 settings of p_c and O_c, replayed on the same 30 runs" in " ".join(said.split())
-    table = pl.read_csv(out / "tradeoff.csv")
-    assert table.height == 6
-    front = table.filter(pl.col("pareto")).sort("decision_time_s")
-    assert front["error"].is_sorted(descending=True)
-    assert (out / "scenario.toml").is_file()
-    assert not (out / "pictures").exists()
-    fastest, surest = front.row(0, named=True), front.row(-1, named=True)
-    page = (out / "report.html").read_text(encoding="utf-8").replace("\xa0", " ")
-    for text in (" ".join(said.split()), page):
-        for word, row in (("Fastest", fastest), ("Least often wrong", surest)):
-            setting = f"p_c {row['credible_threshold']:g}, O_c {row['min_observations']}"
-            assert f"{word}: {setting}, {row['decision_time_s']:.0f} s [" in text
-        assert f"{100 * surest['error']:.1f} % [" in text
-    assert output_of(capsys, *line) == said, "the same work is done again"
-    assert output_of(capsys, "show", out) in said
-    assert page.count("<figure") == 1
-    output_of(capsys, *line, "--no-pictures")
-    assert "<figure" not in (out / "report.html").read_text(encoding="utf-8")
-    output_of(capsys, *line, "--pictures")
-    assert {"front.svg", "front.csv"} <= {path.name for path in (out / "pictures").iterdir()}
-    output_of(capsys, *line)
-    assert (out / "pictures" / "front.svg").is_file(), "pictures that were requested before are drawn again"
-    refusal = refusal_of(capsys, *line, "--seed", "2")
-    assert "exists already" in refusal
-    assert "give another --out, or add --force" in refusal
-    output_of(capsys, *line, "--seed", "2", "--force")
-    assert not pl.read_csv(out / "tradeoff.csv").equals(table), "other runs"
 
 
 def test_until_a_precision_tells_the_interval_that_was_looked_at(

@@ -6,7 +6,7 @@
 | ``figures`` | all figures, each declared once; one row of them per run |
 | ``cell_summary``, ``incidence`` | one cell: all figures with intervals, decisions over time |
 | ``paired`` | two cells, run by run |
-| ``tradeoff``, ``detection`` | many cells: time against error, how many robots for how long |
+| ``detection`` | many cells: how many robots for how long |
 | ``fault_tolerance`` | how many robots that fail a strategy bears |
 | ``sampling`` | how a swarm samples |
 | ``decidability`` | whether the question can be decided |

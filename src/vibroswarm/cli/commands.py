@@ -55,7 +55,6 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
             "evaluate", "run a scenario or a study many times, or several side by side", "evaluate:evaluate"
         ),
         Command("evaluate merge", "join the shards of a study", "evaluate:merge"),
-        Command("evaluate tradeoff", "decision time against error, over p_c and O_c", "evaluate:tradeoff"),
     ),
     "compare and search": (
         Command(
@@ -135,7 +134,6 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
 RENAMED: Final = {
     "sweep": "evaluate STUDY.toml",
     "merge": "evaluate merge",
-    "tradeoff": "evaluate tradeoff",
     "tune": "league tune",
 }
 """Older words of commands, and the words in their place."""

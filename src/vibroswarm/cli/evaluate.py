@@ -1,9 +1,4 @@
-"""``vibroswarm evaluate``: many runs of one scenario, or of several side by side; decision time against error.
-
-In a trade-off, p_c is the credible threshold: a robot decides when its belief in an answer exceeds it. O_c is the
-number of observations that it must exceed to decide. The motion of each run is simulated once, and decisions are
-computed on it for every pair of p_c and O_c.
-"""
+"""``vibroswarm evaluate``: many runs of one scenario, or of several side by side."""
 
 from __future__ import annotations
 
@@ -12,15 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import Destination, document_of, print_with_place, save_with_pictures
 from vibroswarm.cli.option_values import refuse
-from vibroswarm.cli.options import Compared, Comparisons, Drawn, Parts, Simulated, Unsaved
-from vibroswarm.cli.progress import say_compiling
-from vibroswarm.cli.scenario_options import scenario_from, words_of
+from vibroswarm.cli.options import Compared, Comparisons, Drawn, Parts, Unsaved
+from vibroswarm.cli.scenario_options import words_of
 from vibroswarm.cli.studies import claim_study, do_study, summarise_and_print
-from vibroswarm.core.atomic_io import whole_folder
-from vibroswarm.core.child_python import MOST_WORKERS
-from vibroswarm.core.folders import REPORT
 
 
 def evaluate(
@@ -112,46 +102,3 @@ def merge(
     store = merge_shards(out, shards, mixed=mixed)
     every_cell = tuple(cell.number for cell in store.study.cells)
     summarise_and_print(StudyResult(store.study, store, selected=every_cell), comparison, whole)
-
-
-def tradeoff(
-    *,
-    thresholds: Annotated[tuple[float, ...], Option("p_c: how sure a robot must be to decide", "P,...")] = (
-        0.7,
-        0.8,
-        0.9,
-        0.95,
-        0.98,
-        0.99,
-    ),
-    observations: Annotated[tuple[int, ...], Option("O_c: how many observations it must have", "N,...")] = (
-        0,
-        50,
-        100,
-        200,
-        300,
-        400,
-        600,
-    ),
-    runs: Annotated[int, Option("runs")] = 300,
-    workers: Annotated[int, Option("threads", low=1, high=MOST_WORKERS)] = 2,
-    scenario: Simulated,
-    output: Drawn,
-) -> None:
-    """Decision time against error for each credible threshold and minimum of observations, by replay."""
-    from vibroswarm.study.summary import write_table
-    from vibroswarm.study.tradeoff import tradeoff as computed
-
-    made = scenario_from(scenario)
-    settings = (made.hash, scenario.seed, runs, list(thresholds), list(observations))
-    destination = Destination(output, "evaluate tradeoff", *settings, at_once=False)
-    say_compiling()
-    found = computed(made, scenario.seed, runs, thresholds, observations, workers=workers)
-    document = document_of(found)
-    if output.out is not None:
-        # replace=True even without --force: `claim` has accepted the folder.
-        with whole_folder(output.out, replace=True) as part:
-            files = write_table(found.curve, part / "tradeoff")
-            (part / "scenario.toml").write_text(made.to_toml(), encoding="utf-8")
-            save_with_pictures(document, output, part, destination.command, destination.work, files)
-    print_with_place(document, output, REPORT)

@@ -26,7 +26,6 @@ DOCUMENTS: Final = {
     "vibroswarm.recordings.threshold.Recommendation": "recording:threshold_document",
     "vibroswarm.study.detection.Detection": "detection:detection_document",
     "vibroswarm.study.evaluation.Comparison": "study:comparison_document",
-    "vibroswarm.study.tradeoff.Tradeoff": "tradeoff:tradeoff_document",
     "vibroswarm.study.summary.Outcome": "study:study_document",
     "vibroswarm.optimize.verify.Verified": "verified:verified_document",
     "vibroswarm.optimize.scenario_comparison.Checked": "search:checked_document",

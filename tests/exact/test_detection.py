@@ -1,8 +1,6 @@
-"""Time against error by replay, and how long for a wanted error: by hand, against simulating anew, and on seeds."""
+"""How long for a wanted error: by hand and on seeds; and points that no other beats."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -10,88 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.detection import detection_curve, needed, pairs
 from vibroswarm.analysis.intervals import generator, wilson
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.documents.detection import detection_document, hardest
-from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
-from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.simulation import simulate
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.detection import Detection, detect, fills_around
-from vibroswarm.study.tradeoff import time_error_curve
 from vibroswarm.study.words import detection_scenario
 
 SHORT = preset("paper").with_values({"run.t_end_s": 300.0, "floor.source": "random:0.40"})
-
-
-@pytest.fixture(scope="module")
-def curve() -> pl.DataFrame:
-    return time_error_curve(SHORT, 5, 60, [0.8, 0.95], [20, 150, 10_000])
-
-
-def test_each_point_is_what_simulating_it_gives(curve: pl.DataFrame) -> None:
-    assert curve.select("credible_threshold", "min_observations").rows()[1] == (0.8, 150)
-    setting = {"decision.credible_threshold": 0.8, "decision.min_observations": 150}
-    anew = simulate(SHORT.with_values(setting), 5, 60, energies=False)
-    row = summary(anew.robots, anew.runs, 300.0).as_row()
-    assert curve.select(list(row)).row(1, named=True) == row
-    assert curve["error"][1] == row["robots_wrong"]
-
-
-def test_who_waits_errs_less_and_who_never_decides_errs_never(curve: pl.DataFrame) -> None:
-    soon, later, never = curve.head(3).iter_rows(named=True)
-    assert soon["decision_time_s"] < later["decision_time_s"] < never["decision_time_s"] == 300.0
-    assert soon["error"] > later["error"]
-    assert soon["error_low"] > 0.0
-    assert (never["error"], never["robots_undecided"]) == (0.0, 1.0)
-    on_front = curve.filter("pareto").sort("decision_time_s")
-    assert curve["decision_time_s"].min() == on_front["decision_time_s"][0]
-    assert (on_front["error"].diff().drop_nulls() < 0).all()
-    counted = time_error_curve(SHORT, 5, 20, [0.8], [10_000], undecided_counts=1.0)
-    assert counted["error"][0] == 1.0
-    quarter = time_error_curve(SHORT, 5, 20, [0.8], [10_000], undecided_counts=0.25)
-    assert quarter["error"][0] == 0.25
-
-
-def test_a_mistake_counts_by_its_cost() -> None:
-    """The floor is below the boundary: all mistakes are decisions for "above", of one cost."""
-
-    def of(scenario: Scenario) -> dict[str, Any]:
-        return time_error_curve(scenario, 5, 20, [0.8], [20], undecided_counts=0.5).row(0, named=True)
-
-    equal, cheap, dear = (
-        of(SHORT if costs is None else SHORT.with_values({"task.costs": costs}))
-        for costs in (None, [[0.0, 1.0], [4.0, 0.0]], [[0.0, 4.0], [1.0, 0.0]])
-    )
-    assert equal["robots_wrong"] > 0.05
-    undecided = 0.5 * equal["robots_undecided"]
-    assert cheap["error"] == pytest.approx(0.25 * equal["robots_wrong"] + undecided, rel=1e-12)
-    assert dear["error"] == pytest.approx(equal["error"], rel=1e-12)
-    assert cheap["forced_error"] < dear["forced_error"]
-
-
-def test_limits_of_an_error_are_those_of_a_share() -> None:
-    """Of few runs the draws of a bootstrap, which are spread out for its bias, leave 0 to 1."""
-    for runs in (1, 2, 3):
-        curve = time_error_curve(SHORT, 5, runs, [0.55, 0.8], [20], undecided_counts=0.5)
-        assert curve["error_low"].min() >= 0.0
-        assert curve["error_high"].max() <= 1.0
-
-
-def test_settings_that_look_alike_are_two_and_the_same_setting_is_one() -> None:
-    """Both ended in an error of zip."""
-    curve = time_error_curve(SHORT, 5, 2, [0.9999991, 0.9999992, 0.9999992], [20])
-    assert curve["credible_threshold"].to_list() == [0.9999991, 0.9999992]
-
-
-def test_a_curve_of_robots_that_steer_is_refused() -> None:
-    """Their motion depends on their readings, so that the points could not share it."""
-    steering = SHORT.with_values({"strategy.name": "explore"})
-    with pytest.raises(InputError, match="'explore' steers its robots") as refused:
-        time_error_curve(steering, 5, 2, [0.9], [10])
-    assert refused.value.field == "strategy.name"
 
 
 def test_pareto_by_hand() -> None:
