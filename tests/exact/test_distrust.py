@@ -17,7 +17,7 @@ from vibroswarm.inference.agents import world_of
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies.bayes import GATE_OWN, GATE_RECEIVED, GATE_TOTAL
-from vibroswarm.study.fault_tolerance import fault_curve
+from vibroswarm.study.fault_tolerance import judged_tables
 from vibroswarm.testing import plain_run
 from vibroswarm.testing.runs import differences
 
@@ -148,14 +148,18 @@ def test_it_equals_the_plain_account() -> None:
 def test_one_sensor_stuck_at_1_does_no_harm_and_none_costs_nothing() -> None:
     """Where no feedback is wrong in all 24 runs; and without faults all decide as without distrust."""
     base = preset("paper").with_values({"floor.source": "random:0.44"})
-    curves = {
-        name: fault_curve(base.with_values({"strategy.name": name}), "stuck_at_1", [0.0, 0.2], 5, 24)
-        for name in ("none", "distrust")
-    }
-    assert curves["none"]["wrong"][1] == 1.0
-    assert curves["distrust"]["right"][1] > 0.65
-    assert curves["distrust"]["wrong"][1] < 0.1
-    assert curves["distrust"]["right"][0] == curves["none"]["right"][0] > 0.75
+
+    def share(answer: str, name: str, stuck: float) -> float:
+        """Of the robots that work."""
+        scenario = base.with_values({"strategy.name": name, "faults.stuck_at_1": stuck})
+        result = simulate(scenario, 5, 24, energies=False)
+        robots, runs = judged_tables(scenario, 5, result.robots, result.runs)
+        return float(runs[answer].sum()) / robots.height
+
+    assert share("wrong", "none", 0.2) == 1.0
+    assert share("right", "distrust", 0.2) > 0.65
+    assert share("wrong", "distrust", 0.2) < 0.1
+    assert share("right", "distrust", 0.0) == share("right", "none", 0.0) > 0.75
     fine = [
         simulate(base.with_values({"strategy.name": name}), 5, 12, energies=False)
         for name in ("none", "distrust")

@@ -48,8 +48,6 @@ SMALL = {
             "4",
             "--belief-runs",
             "2",
-            "--fault-runs",
-            "2",
             "--patterns",
             "stripe",
             "--fills",

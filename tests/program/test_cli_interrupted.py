@@ -17,7 +17,7 @@ LEAGUE = ["--patterns", "stripe", "--strategy", "none,soft", "--runs", "3", *SHO
 RESUMED = {
     "evaluate": [*SHORT, "--vary", "walk.walk_duration_scale_ms=9000,9500", "--runs", "3", "--no-pictures"],
     "detect": [*SHORT, "--fills", "0.4,0.6", "--runs", "3"],
-    "league": [*LEAGUE, "--belief-runs", "2", "--fault-runs", "0"],
+    "league": [*LEAGUE, "--belief-runs", "2"],
     "league tune": [*LEAGUE, "--points", "4"],
     "optimize": ["search.toml", "--budget", "120", "--fresh", "4", "--no-pictures"],
 }

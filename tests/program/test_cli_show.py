@@ -22,7 +22,7 @@ COMMANDS: dict[str, list[str]] = {
     "run": ["run", "--robots", "2", *SHORT],
     "evaluate": ["evaluate", "--strategy", "none,soft", "--no-pictures", *STUDY],
     "detect": ["detect", "--fills", "0.4,0.6", *STUDY],
-    "league": ["league", "--runs", "3", "--belief-runs", "0", "--fault-runs", "0", *LEAGUE],
+    "league": ["league", "--runs", "3", "--belief-runs", "0", *LEAGUE],
     "optimize": ["optimize", "search.toml", "--budget", "120", "--fresh", "4", "--no-pictures"],
     "lab import": ["lab", "import", *LOGS, *ON_FLOOR],
 }

@@ -211,7 +211,7 @@ def test_they_are_in_a_study_beside_another_strategy_and_in_a_study_file() -> No
 @pytest.mark.usefixtures("empty_pictures")
 def test_they_play_in_a_league() -> None:
     command = ["league", "--shares", "0.44,0.28,0.2,0.08", *ASKED, "--runs", "10"]
-    assert main([*command, "--belief-runs", "0", "--fault-runs", "0", "--out", "league"]) == 0
+    assert main([*command, "--belief-runs", "0", "--out", "league"]) == 0
     standings = pl.read_csv("league/standings.csv")
     assert standings["forced_error"].is_between(0.0, 0.3).all()
 

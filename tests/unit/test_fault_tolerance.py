@@ -1,16 +1,15 @@
-"""How much a strategy bears: judged over those that work or over all, and the measured control."""
+"""Robots that are judged: those that work, or all."""
 
 from __future__ import annotations
 
 import polars as pl
-import pytest
 from polars.testing import assert_frame_equal
 
 from vibroswarm.inference.outcomes import CONSENSUS
 from vibroswarm.scenario.fault_draws import working
-from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
-from vibroswarm.study.fault_tolerance import fault_curve, judged_tables
+from vibroswarm.study.fault_tolerance import judged_tables
 
 QUICK = {"run.t_end_s": 300.0, "decision.min_observations": 40, "decision.credible_threshold": 0.9}
 
@@ -40,16 +39,3 @@ def test_judged_tables_are_those_of_a_swarm_of_the_robots_judged() -> None:
     everyone = judged_tables(scenario, 3, result.robots, result.runs, "all")
     assert_frame_equal(everyone[0], result.robots)
     assert (runs["undecided"] <= result.runs["undecided"].gather(runs["run"].to_list())).all()
-
-
-@pytest.mark.parametrize("strategy", ["none", "soft"])
-def test_one_sensor_stuck_at_1_decides_for_all(strategy: str) -> None:
-    """Measured: at f = 0.48 all are wrong, at 0.52 none; without it some are wrong, some right, on both."""
-    for fill, wrong in ((0.48, 1.0), (0.52, 0.0)):
-        scenario = preset("paper").with_values({"strategy.name": strategy, "floor.source": f"random:{fill}"})
-        for judged in ("working", "all"):
-            table = fault_curve(scenario, "stuck_at_1", [0.0, 0.2], 1, 12, judged=judged)  # type: ignore[arg-type]
-            assert table["robots"].to_list() == [0, 1]
-            assert table["wrong"][1] == wrong
-            assert table["right"][1] == 1.0 - wrong
-            assert 0.0 < table["right"][0] < 1.0

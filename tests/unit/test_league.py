@@ -224,8 +224,8 @@ SMALL = [
     *("--runs", "4", "--patterns", "stripe", "--fills", "0.48", "--robots", "4"),
     *("--strategy", "none,soft"),
 ]
-FEW = ["--belief-runs", "2", "--fault-runs", "2"]
-NONE = ["--belief-runs", "0", "--fault-runs", "0"]
+FEW = ["--belief-runs", "2"]
+NONE = ["--belief-runs", "0"]
 QUICK = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--untuned"]
 
 
@@ -244,7 +244,6 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
         "best",
         "floors",
         "beliefs",
-        "faults",
         "summary",
     )
     assert set(kept) == {f"{name}.csv" for name in tables}

@@ -7,7 +7,6 @@
 | ``cell_summary``, ``incidence`` | one cell: all figures with intervals, decisions over time |
 | ``paired`` | two cells, run by run |
 | ``detection`` | many cells: how many robots for how long |
-| ``fault_tolerance`` | how many robots that fail a strategy bears |
 | ``sampling`` | how a swarm samples |
 | ``decidability`` | whether the question can be decided |
 | ``map_scores``, ``map_figures`` | maps of the floor, and how good they are |

@@ -86,34 +86,17 @@ class Entries:
     ] = ()
 
 
-@dataclass(kw_only=True)
-class Tests:
-    """What is tested besides the league itself."""
-
-    belief_runs: Annotated[
-        int, Option("motions on which beliefs are compared with outcomes; 0: none (default 100)", low=0)
-    ] = 100
-    faults: Annotated[
-        tuple[str, ...] | None,
-        Option(
-            "kinds of faults that each strategy is tested with (default: stuck_at_1,opposite,radio_dead,stopped)",
-            "KIND,...",
-        ),
-    ] = None
-    fault_runs: Annotated[
-        int, Option("runs per fault, number of faulty robots and floor; 0: none (default 100)", low=0)
-    ] = 100
-
-
 def league(
     *,
     runs: Annotated[int, Option("runs per floor and size")] = 300,
+    belief_runs: Annotated[
+        int, Option("motions on which beliefs are compared with outcomes; 0: none (default 100)", low=0)
+    ] = 100,
     reference: Annotated[
         str | None, Option("entry that others are compared with (default: the first)")
     ] = None,
     scenario: Players,
     entries: Entries,
-    tests: Tests,
     execution: Execution,
     output: Paged,
 ) -> None:
@@ -130,8 +113,7 @@ def league(
     """
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.documents.league import league_document
-    from vibroswarm.league.fault_curves import KINDS
-    from vibroswarm.league.words import league_of, played, studies_of_tests, tests_of
+    from vibroswarm.league.words import belief_runs_of, league_of, played, studies_of_tests
 
     asked = league_of(
         runs=runs, seed=scenario.seed, **vars(entries), **floors_of(scenario), **words_of(scenario)
@@ -139,15 +121,15 @@ def league(
     if asked.note:
         say(asked.note)
     warned(asked.league.base)
-    belief_runs, fault_runs = tests_of(asked, reference, **vars(tests))
+    belief_runs = belief_runs_of(asked, reference, belief_runs)
     study = (
         asked.league.study
     )  # refuses a floor on which no decision is right, before `--force` removes the folder
     claim_study(output, study, mixed=execution.mixed)
-    tested = studies_of_tests(asked.basic, belief_runs, fault_runs, tests.faults or KINDS)
+    tested = studies_of_tests(asked.basic, belief_runs)
     print_plan(study, output.out, None, tests=tested)
     standings, tables = played(
-        asked, output.out, reference=reference, stages=STAGES, **vars(tests), **execution.how
+        asked, output.out, reference=reference, belief_runs=belief_runs, stages=STAGES, **execution.how
     )
     if output.out is not None or output.json:
         tables["summary"] = standings.summary

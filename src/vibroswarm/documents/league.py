@@ -7,14 +7,13 @@ from typing import Any, Final, cast
 
 import polars as pl
 
-from vibroswarm.core.numbers import Estimate, count, listed, number, percent, span, whole, with_limits
+from vibroswarm.core.numbers import Estimate, count, listed, percent, span, whole, with_limits
 from vibroswarm.documents.cell_figures import SIZES, TIME_AND_ERROR, figure_columns, map_table, with_limits_of
 from vibroswarm.documents.file import NO_FIELDS
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.league_answer import answers
 from vibroswarm.league.belief_calibration import AT_95
 from vibroswarm.league.entries import MAIN_AIM
-from vibroswarm.league.fault_curves import MARGIN, borne
 from vibroswarm.league.fronts import NOT, OPEN, REACHES
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.league.tuning import Tuned
@@ -59,9 +58,8 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
     """Return the document of a league.
 
     Args:
-        tables: by name: those of ``league_tables``, and "beliefs" (from ``belief_calibration``), "faults" (from
-            ``fault_curves``) and "summary" (``Standings.summary``) if these were computed. None: those of
-            ``league_tables``.
+        tables: by name: those of ``league_tables``, and "beliefs" (from ``belief_calibration``) and "summary"
+            (``Standings.summary``) if these were computed. None: those of ``league_tables``.
     """
     league = standings.league
     tables = league_tables(standings) if tables is None else tables
@@ -86,7 +84,6 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
                 folded=len(league.entries) > len(standings.main.league.entries),
             ),
             *if_any(tables.get("beliefs"), _beliefs),
-            *if_any(tables.get("faults"), _faults),
             *_by_floor(standings.main.floor_table, tables["floor_differences"], league.base.sensor.kinds),
             *if_any(tables.get("summary"), _all_figures),
             *_every_setting(standings),
@@ -312,64 +309,6 @@ def _beliefs(beliefs: pl.DataFrame) -> tuple[Section, ...]:
     )  # fmt: skip
     table = Table(frame, columns, name="beliefs", names=3, folded=True)
     return (Section("Belief and truth", (figure, table, Text(words, "aside"))),)
-
-
-def _faults(curves: pl.DataFrame) -> tuple[Section, ...]:
-    """Return the sections on faulty robots: the numbers tolerated, and all figures.
-
-    Args:
-        curves: from ``fault_curves``.
-    """
-    kinds = curves["kind"].unique(maintain_order=True)
-    words = (
-        "Forced error of the working robots of the smallest swarm, on random floors on both sides of 1/2; runs are "
-        f"paired. Tolerated: the 95 % interval of the rise lies below {number(100 * MARGIN, 0)} points, for that "
-        "number of faulty robots and all smaller ones. A strategy that guesses even without faults tolerates none."
-    )
-    caption = "Number of faulty robots that a strategy tolerates: forced error (%) of the others with 0, 1, ... of them"
-    columns = {"name": ENTRY, **{kind: Column(kind.replace("_", " ")) for kind in kinds}}
-    table = Table(_tolerated(curves), columns, name="tolerated", caption=caption)
-    shown = {
-        "name": ENTRY,
-        "forced_error": FIGURES["forced_error"],
-        "rise": Column(unit="points", share=True, sign=True),
-        "bears": Column("tolerated"),
-    }
-    every = Table(curves, shown, name="faults", names=3)
-    return (
-        Section(
-            "Faulty robots", (table, Text(words, "aside"), *(_fault_figure(curves, kind) for kind in kinds))
-        ),
-        Section("Faulty robots, all figures", (every,), folded=True),
-    )
-
-
-def _tolerated(curves: pl.DataFrame) -> pl.DataFrame:
-    """Return for each entry and kind of fault how many faulty robots it tolerates, and the forced errors, as text."""
-    number_of = {(name, kind): n for name, kind, n, _ in borne(curves).iter_rows()}
-    rows: dict[str, dict[str, str]] = {}
-    for (name, kind), part in curves.group_by("name", "kind", maintain_order=True):
-        errors = ", ".join(number(100 * error, 1) for error in part["forced_error"])
-        rows.setdefault(str(name), {})[str(kind)] = f"{number_of[name, kind]}: {errors}"
-    return pl.DataFrame([{"name": name, **row} for name, row in rows.items()], infer_schema_length=None)
-
-
-def _fault_figure(curves: pl.DataFrame, kind: str) -> Figure:
-    words = kind.replace("_", " ")
-    of_kind = curves.filter(kind=kind)
-    marks = of_kind.select(
-        x="name",
-        series=pl.Series([f"{count(faulty, 'robot')} {words}" for faulty in of_kind["faulty"]]),
-        estimate="forced_error",
-        low="forced_error_low",
-        high="forced_error_high",
-    )
-    return Figure(
-        f"faults-{kind}",
-        lambda style: draw_error_bars(
-            marks, label="forced error of the others", percent=True, title=words.capitalize(), style=style
-        ),
-    )
 
 
 def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame, kinds: int) -> tuple[Section, ...]:

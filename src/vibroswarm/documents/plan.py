@@ -35,7 +35,7 @@ def work_sentence(left: int, job: Job | None = None, *, further: int = 0) -> str
 
     Args:
         left: missing runs. job: the part of the study to which they belong; None if all of it is run. further: missing
-            runs of a league's tests.
+            runs of a league's test of beliefs.
     """
     if left + further == 0:
         return f"Nothing to do: {'no run of this shard is missing' if job else 'all runs exist'}."
@@ -43,7 +43,7 @@ def work_sentence(left: int, job: Job | None = None, *, further: int = 0) -> str
     if left:
         words.append(f"{count(left, 'run')} of motion{' in this shard' if job else ''}")
     if further:
-        words.append(f"{count(further, 'run')} to test beliefs and faults")
+        words.append(f"{count(further, 'run')} to test beliefs")
     return f"To do: {listed(words)}"
 
 

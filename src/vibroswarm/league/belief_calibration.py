@@ -145,7 +145,7 @@ def belief_league(league: League, runs: int) -> League:
         floors=tuple(floors),
         robots=(min(league.robots),),
         runs=runs,
-        seed=league.seed + 1,  # motion that neither the league nor its fault curves (seed + 2) use
+        seed=league.seed + 1,  # motion that the league does not use
     )
 
 

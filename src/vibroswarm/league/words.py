@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Unpack
 import polars as pl
 
 from vibroswarm.core.stages import SILENT, Stages
-from vibroswarm.errors import InputError, check_choice, in_file
+from vibroswarm.errors import InputError, in_file
 from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration, belief_league
 from vibroswarm.league.entries import (
     FILLS,
@@ -32,10 +32,8 @@ from vibroswarm.league.entries import (
     reference_in,
     varied_by,
 )
-from vibroswarm.league.fault_curves import FOLDER, KINDS, fault_curves, league_with_faults, most_faulty
 from vibroswarm.league.fronts import best_table, front_table
 from vibroswarm.league.standings import League, Standings
-from vibroswarm.scenario.fault_fields import FAULTS
 from vibroswarm.scenario.scenario import Scenario, parse_settings
 from vibroswarm.study.scenario_words import (
     ScenarioWords,
@@ -65,7 +63,7 @@ class Asked(NamedTuple):
     league: League
     """With settings for several forced errors, and those that are varied."""
     basic: League
-    """The same with one entry for each strategy, on which beliefs and faults are tested."""
+    """The same with one entry for each strategy, on which beliefs are tested."""
     note: str = ""
     """As of ``Players``."""
 
@@ -177,8 +175,6 @@ def _refuse_without_effect(
     fields: Iterable[str], base: Scenario, entries: Iterable[Entry], option: str
 ) -> None:
     """Refuse fields that no entry of a league uses (``refuse_without_effect``)."""
-    # A league's own tests set faults.
-    fields = [field for field in fields if not field.startswith("faults.")]
     refuse_without_effect(fields, [_scenario_of(entry, base) for entry in entries], option)
 
 
@@ -202,22 +198,18 @@ def played(
     *,
     reference: str | None = None,
     belief_runs: int = 100,
-    fault_runs: int = 100,
-    faults: Sequence[str] | None = None,
     stages: Stages = SILENT,
     mixed: bool = False,
     **where: Any,
 ) -> tuple[Standings, dict[str, pl.DataFrame]]:
-    """Play a league and test its strategies' beliefs and faulty robots; return the standings and all tables.
+    """Play a league and test its strategies' beliefs; return the standings and all tables.
 
     Args:
         folder: where runs are saved; None: nowhere. reference: as of ``league_tables``.
-        belief_runs, fault_runs, faults: as of ``tests_of``. stages: told what is done. mixed, where: as of
-            ``study.run.run``.
-    Returns: the tables of ``league_tables``, and those of the tests, "beliefs" and "faults"; each of these is missing
-        if none of its runs are wanted.
+        belief_runs: as of ``belief_runs_of``. stages: told what is done. mixed, where: as of ``study.run.run``.
+    Returns: the tables of ``league_tables``, and "beliefs", which is missing if none of its runs are wanted.
     """
-    belief_runs, fault_runs = tests_of(asked, reference, belief_runs, fault_runs, faults)
+    belief_runs = belief_runs_of(asked, reference, belief_runs)
     with stages.runs("simulating") as progress:
         standings = asked.league.play(folder, progress=progress, mixed=mixed, **where)
     tables = league_tables(standings, reference)
@@ -226,13 +218,6 @@ def played(
         with stages.runs("comparing beliefs") as progress:
             tables["beliefs"] = belief_calibration(
                 asked.basic, saved, runs=belief_runs, progress=progress, **where
-            )
-    if fault_runs:
-        saved = None if folder is None else folder / FOLDER
-        kinds = faults or KINDS
-        with stages.runs("with faulty robots") as progress:
-            tables["faults"] = fault_curves(
-                asked.basic, saved, kinds=kinds, runs=fault_runs, progress=progress, **where
             )
     return standings, tables
 
@@ -258,47 +243,26 @@ def league_tables(standings: Standings, reference: str | None = None) -> dict[st
     } | ({"maps": maps} if maps.height else {})
 
 
-def tests_of(
-    asked: Asked, reference: str | None, belief_runs: int, fault_runs: int, faults: Sequence[str] | None
-) -> tuple[int, int]:
-    """Return the runs of both tests; 0 of several kinds of tile: beliefs, and opposite messages, are those of two.
+def belief_runs_of(asked: Asked, reference: str | None, belief_runs: int) -> int:
+    """Return the runs of the test of beliefs; 0 of several kinds of tile, since beliefs are those of two.
 
     Args:
-        belief_runs, fault_runs: that are wanted; 0: none. faults: kinds that were asked for; None: the usual ones, of
-            which a swarm of one robot has none.
+        belief_runs: that are wanted; 0: none.
     Raises:
-        InputError: the reference does not play, or the tests do not fit the league.
+        InputError: the reference does not play, or the test does not fit the league.
     """
     league = asked.league
     if league.base.sensor.kinds != 2:
-        belief_runs, fault_runs = 0, 0
+        belief_runs = 0
     reference_in(main_entries(league.entries), reference, "--reference")
-    for kind in faults or ():
-        check_choice(kind, "--faults", FAULTS)
-    if faults and not fault_runs:
+    if belief_runs and league.boundaries != {0.5}:
         raise InputError(
-            "there are no runs with faults: with --fault-runs 0, or on several kinds of tile",
-            field="--faults",
+            "must be 0.5 to compare beliefs; add --belief-runs 0", field="decision.decision_boundary"
         )
-    if faults and fault_runs and min(league.robots) == 1:
-        raise InputError(
-            "needs swarms of at least 2 robots, one of which works; see --robots", field="--faults"
-        )
-    if (belief_runs or fault_runs) and league.boundaries != {0.5}:
-        raise InputError(
-            "must be 0.5 to compare beliefs and faults; add --belief-runs 0 --fault-runs 0",
-            field="decision.decision_boundary",
-        )
-    return belief_runs, fault_runs
+    return belief_runs
 
 
-def studies_of_tests(
-    basic: League, belief_runs: int, fault_runs: int, kinds: Sequence[str] = KINDS
-) -> dict[str, Study]:
-    """Return the studies of the tests that ``played`` makes, by the name of their folder in that of the league."""
-    leagues = {}
-    if belief_runs:
-        leagues[BELIEFS] = belief_league(basic, belief_runs)
-    if fault_runs and (most := most_faulty(basic)):
-        leagues[FOLDER] = league_with_faults(basic, kinds, most, fault_runs)
-    return {name: league.study for name, league in leagues.items() if league.entries}
+def studies_of_tests(basic: League, belief_runs: int) -> dict[str, Study]:
+    """Return the study of the test that ``played`` makes, by the name of its folder in that of the league."""
+    league = belief_league(basic, belief_runs) if belief_runs else None
+    return {BELIEFS: league.study} if league and league.entries else {}
