@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers.example_strategies import load_example
 from helpers.exported_robots import (
     EXPORTED,
     HAS_ARM,
@@ -173,9 +174,10 @@ def test_single_precision_makes_the_same_events(name: str, swarms: Any, tmp_path
 
 
 @needs_gcc
-def test_single_precision_does_not_serve_mcp(swarms: Any, tmp_path: Path) -> None:
-    swarm = swarms("mcp")
-    program = built(BASE.with_values({"strategy.name": "mcp"}), tmp_path, precision=1)
+def test_single_precision_does_not_serve_three_valued(swarms: Any, tmp_path: Path) -> None:
+    load_example("three_valued")
+    swarm = swarms("three_valued")
+    program = built(BASE.with_values({"strategy.name": "three_valued"}), tmp_path, precision=1)
     found = [run_program(program, events) for events in swarm.short]
     assert any(
         not np.array_equal(rows(ours, swarm)[:, :4], rows(theirs, swarm)[:, :4])

@@ -172,7 +172,7 @@ def _of_study(folder: Path) -> _Part:
         for number in dict.fromkeys(cell for cell, _ in chosen):  # one cell in memory at a time
             cell, saved = result.cell(number), result.saved_tables(number)
             for run in (run for of, run in chosen if of == number):
-                files = do_batch(batch_of(result.study, Group(0, (((cell,),),), 0.0), run, run + 1)).files
+                files = do_batch(batch_of(result.study, Group(0, (((cell,),),), False), run, run + 1)).files
                 again = {
                     name: frame_of(content).sort(FURTHER.get(name, ROBOTS).key)
                     for name, content in files.items()
