@@ -37,6 +37,7 @@ lint: $(VENV)/dev.done
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python tests/helpers/ratchet.py >/dev/null
 
 bench: $(VENV)/dev.done
 	$(BIN)/python benchmarks/stage_timing.py
