@@ -5,21 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 import pytest
 
 from vibroswarm import networks, strategies
-from vibroswarm.core.jit import PLAIN, read_only
-from vibroswarm.inference import replayer
-from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.core.jit import PLAIN
 from vibroswarm.inference.generated_kernels import kernels
-from vibroswarm.inference.replay import infer
-from vibroswarm.motion.source import source
 from vibroswarm.networks import Network
-from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.simulation import floors_of, simulate
+from vibroswarm.simulation import simulate
 from vibroswarm.strategies import u
+from vibroswarm.testing.runs import equals_plain
 
 VALUES: dict[str, Any] = {"run.t_end_s": 100.0, "decision.min_observations": 20, "decision.hold_s": 5.0}
 
@@ -96,48 +91,16 @@ def over(network: str, strategy: str = "none") -> Scenario:
     return preset("paper").with_values(values)
 
 
-@pytest.mark.parametrize(
-    ("network", "names"), [("late", ["soft", "none"]), ("every_third", ["soft"]), ("lossy", ["none"])]
-)
-def test_deliveries_are_computed_once_and_equal_messages_one_by_one(
-    network: str, names: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of a network with delays, one with a memory, and one that loses more at some robots than at others."""
-    scenario = over(network)
-    cells = [over(network, strategy) for strategy in names]
-    motion = source("event").batch(scenario, 5, [0, 1, 2])
-    observations = observe(scenario, 5, motion.samples, floors_of(scenario, 5, [0, 1, 2]))
-    timeline = timeline_of(scenario, motion)
-    shared = [infer(cell, 5, timeline, observations) for cell in cells]
-    assert len(timeline.deliveries) == 1
-
-    monkeypatch.setattr(replayer, "counts_only", lambda strategy: False)
-    for cell, (table, robots) in zip(cells, shared, strict=True):
-        one_by_one, also = infer(cell, 5, timeline, observations)
-        assert table.equals(one_by_one)
-        assert robots.equals(also)
-
-    monkeypatch.undo()  # and deliveries decide what is heard: with those of others the tables differ
-    ((key, found),) = timeline.deliveries.items()
-    timeline.deliveries[key] = found._replace(which=read_only(np.zeros_like(found.which)))
-    assert not infer(cells[0], 5, timeline, observations)[0].equals(shared[0][0])
-
-
-def test_what_deliveries_depend_on_is_not_mixed_up() -> None:
-    scenario = over("late")
-    motion = source("event").batch(scenario, 5, [0])
-    timeline = timeline_of(scenario, motion)
-    observations = observe(scenario, 5, motion.samples, floors_of(scenario, 5, [0]))
-    for other in (scenario, over("every_third"), scenario.with_values({"decision.credible_threshold": 0.9})):
-        infer(other, 5, timeline, observations)
-    infer(scenario, 6, timeline, observations)
-    assert len(timeline.deliveries) == 4
-
-
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")
-def test_messages_that_were_delivered_need_no_kernel_of_their_own() -> None:
+def test_a_strategy_and_a_network_need_one_kernel() -> None:
     """Read-only and writable arrays are two types to Numba: what is handed to a kernel is always of one."""
-    for network in ("ideal", "late"):
-        simulate(over(network), 3, 1)
-    compiled: Any = kernels(strategies.strategy("none"), networks.network("ideal"), "replay_counts").replay
+    for way in WAYS:
+        simulate(over(way), 3, 1)
+    compiled: Any = kernels(strategies.strategy("none"), networks.network(OTHER.name)).replay
     assert len(compiled.signatures) == 1
+
+
+@pytest.mark.parametrize("network", [*WAYS, LOSSY.name])
+def test_bits_are_counted_as_messages_are_read_one_by_one(network: str) -> None:
+    """With delays, with a memory, and with more losses at some robots than at others."""
+    assert list(equals_plain(over(network))) == []

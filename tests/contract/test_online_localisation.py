@@ -5,12 +5,9 @@ from __future__ import annotations
 import pytest
 from polars.testing import assert_frame_equal
 
+from helpers.closed_loop import followed, reads_as_tables
 from helpers.result_outcomes import assert_same_outcomes, from_result
-from vibroswarm.inference.closed_loop import ClosedLoop
-from vibroswarm.inference.motion_feedback import steer_on, steerable
 from vibroswarm.localisation.locate import place_frame
-from vibroswarm.motion.source import source
-from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
@@ -55,18 +52,12 @@ def test_a_run_that_ends_early_has_the_places_of_the_whole_run() -> None:
 
 def test_robots_that_are_steered_by_their_places_are_where_tables_have_them() -> None:
     """What steered them is what the same moves give at once; of other errors of the gyro they steer elsewhere."""
-    result = simulate(EXPLORE, SEED, 1)
-    loop = ClosedLoop(EXPLORE, SEED)
-    (ground,) = sensed_floors(EXPLORE, SEED, [0], {0: result.floor(0)})
-    loop.begin(0, ground)
-    state = steerable(source("event").init(EXPLORE, SEED, 0, False, True), "event")
-    while state.time_s < EXPLORE.run.t_end_s:
-        steer_on(state, loop, EXPLORE.run.t_end_s)
+    loop, result = followed(EXPLORE, SEED)
     count = int(loop.bounds[1])
     assert result.places is not None
     assert count == result.places.height > 100
     assert_frame_equal(place_frame(result.motion, loop.estimates[:count]), result.places, check_exact=True)
-    assert loop.decision.tolist() == result.robots["decision"].to_list()
+    assert reads_as_tables(loop, result)
     other = simulate(EXPLORE.with_values({"odometry.level": "good"}), SEED, 1)
     assert not other.motion["x_m"].head(count).equals(result.motion["x_m"].head(count))
 

@@ -15,25 +15,23 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage, stats
 
+from helpers.closed_loop import followed, reads_as_tables
 from helpers.commands import output_of
 from helpers.recordings import write_log
-from vibroswarm import Scenario, load_code, preset, replay, simulate
+from vibroswarm import Scenario, preset, replay, simulate
 from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.documents.run import run_document
 from vibroswarm.errors import InputError
 from vibroswarm.floors.changes import Changes, markov_changes
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.closed_loop import ClosedLoop, advance_loops
 from vibroswarm.inference.outcomes import truth_on, truth_over_time
-from vibroswarm.motion.source import source
-from vibroswarm.observation.observe import kinds_at, sensed_floors
+from vibroswarm.observation.observe import kinds_at
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import replay_recording
 from vibroswarm.recordings.threshold import labelled
 from vibroswarm.result import Result
-from vibroswarm.testing.runs import in_pieces
 
 NAN = math.nan
 INVERTED = {"change.at_s": 600, "change.to": "invert"}
@@ -251,34 +249,17 @@ def test_samples_read_the_floor_as_it_is() -> None:
 )
 def test_closed_loop_and_stages_are_equal(values: dict[str, Any], preset_name: str) -> None:
     """With edges, factors of tiles and robots, and estimated places, too."""
-    one = preset(preset_name).with_values({"floor.source": "random:0.4", **SHORT, **values})
-    assert list(in_pieces(one.with_values({"strategy.name": "soft"}))) == []
-    places = {"strategy.name": "places", "strategy.places.min_samples": 5}
-    places["network.name"] = "loss"  # for which other tests compile the kernel
-    assert list(in_pieces(one.with_values(places))) == []
-
-
-def test_pieces_without_a_sample_change_nothing() -> None:
-    """A piece may end before the next sample; energies are weighed stage by stage, of which there is then none."""
-    load_code(f"{Path(__file__).parents[2] / 'examples/kinds/mean_value.py'}:level")
-    one = scenario(**{"strategy.name": "level", "network.name": "loss"})
-    (ground,) = sensed_floors(one, 4, [0], {0: one.floor_for(4, 0)})
-    ends = []
-    for pieces_s in ((SHORT["run.t_end_s"],), (0.5, 1.0, 30.0, 30.02, SHORT["run.t_end_s"])):
-        loop, state = ClosedLoop(one, 4), source("event").init(one, 4, 0, False, False)
-        loop.begin(0, ground)
-        for until_s in pieces_s:
-            advance_loops(state, [loop], until_s)
-        ends.append((loop.bounds.tolist(), loop.weighed.tolist(), loop.decision.tolist()))
-    assert ends[0] == ends[1]
-    assert ends[0][0][1] > 20
+    one = preset(preset_name).with_values(
+        {"floor.source": "random:0.4", **SHORT, **values, "strategy.name": "explore"}
+    )
+    assert reads_as_tables(*followed(one, 4))
 
 
 def test_the_closed_loop_would_differ_on_a_floor_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Negative control of the test before: the check sees a closed loop that ignores changes."""
+    """Negative control of the test before: it sees a closed loop that ignores changes."""
     monkeypatch.setattr(Result, "_changes_of", lambda self, run: Floor([[0]], 1.0, 1.0).changes)
-    early = {"floor.source": "random:0.2", "change.at_s": 20, "strategy.name": "soft"}
-    assert list(in_pieces(scenario(**early))) != []
+    early = {"floor.source": "random:0.2", "change.at_s": 20, "strategy.name": "explore"}
+    assert not reads_as_tables(*followed(scenario(**early), 4))
 
 
 def test_a_replay_with_a_change_is_a_simulation_with_it(tmp_path: Path) -> None:

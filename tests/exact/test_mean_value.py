@@ -13,7 +13,7 @@ from vibroswarm import load_code, preset, simulate
 from vibroswarm.analysis.figures import run_figures
 from vibroswarm.documents.run import result_document
 from vibroswarm.strategies import base
-from vibroswarm.testing.runs import equals_plain, in_pieces
+from vibroswarm.testing.runs import equals_plain
 
 FILE = Path(__file__).parents[2] / "examples/kinds/mean_value.py"
 VALUES = {
@@ -47,7 +47,6 @@ def test_a_robot_alone_estimates_by_the_mean_of_what_it_measures() -> None:
 def test_all_ways_of_running_hand_over_the_same_values() -> None:
     short = preset("paper").with_values(VALUES | {"run.t_end_s": 60.0, "strategy.level.batch": 3})
     assert list(equals_plain(short)) == []
-    assert list(in_pieces(short)) == []
 
 
 @pytest.mark.slow

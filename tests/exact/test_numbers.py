@@ -16,7 +16,7 @@ from vibroswarm import Result, Scenario, preset, simulate, strategies
 from vibroswarm.errors import InputError
 from vibroswarm.sensors import SensorModel, forget, register
 from vibroswarm.strategies import Strategy
-from vibroswarm.testing.runs import equals_plain, in_pieces
+from vibroswarm.testing.runs import equals_plain
 from vibroswarm.testing.sensor import check_sensor
 
 
@@ -125,7 +125,6 @@ def test_shares_are_counted_on_floors_with_as_much_of_each_kind() -> None:
 def test_all_ways_of_running_agree(tmp_path: Path) -> None:
     one = scenario()
     assert list(equals_plain(one)) == []
-    assert list(in_pieces(one)) == []
     result = simulate(one, 3, 2)
     result.write(tmp_path / "result")
     assert Result.read(tmp_path / "result").same_tables(result)

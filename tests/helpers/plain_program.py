@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from vibroswarm.core.compiled_types import as_compiled
 from vibroswarm.core.rng import uniform
 from vibroswarm.export import robot_program
 from vibroswarm.export.assembly import RobotParts
@@ -62,13 +61,24 @@ def plain_program(parts: RobotParts, mathematics: Any = math) -> types.ModuleTyp
     return module
 
 
+class Whole(np.ndarray[Any, Any]):
+    """Whole numbers that are computed with as those of C, and cut to the bits of their type when they are stored."""
+
+    def __getitem__(self, index: Any) -> Any:
+        element = super().__getitem__(index)
+        return np.int64(element) if isinstance(element, np.integer) else element
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        super().__setitem__(index, np.asarray(value).astype(self.dtype))
+
+
 def zero(kind: Any) -> Any:
     """Return the zero of a type of C: arrays of NumPy, and rows whose fields are attributes."""
     if isinstance(kind, CArray):
         if isinstance(kind.element, Struct):
             return [zero(kind.element) for _ in range(kind.shape[0])]
         if kind.element.endswith("_t"):  # whole numbers of some width, which wrap as in C
-            return as_compiled(np.zeros(kind.shape, dtype=kind.element.removesuffix("_t")))
+            return np.zeros(kind.shape, dtype=kind.element.removesuffix("_t")).view(Whole)
         return np.zeros(kind.shape, dtype=type(zero(kind.element)))
     if isinstance(kind, Struct):
         return types.SimpleNamespace(**{name: zero(field) for name, field in kind.fields})

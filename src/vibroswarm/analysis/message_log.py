@@ -14,15 +14,10 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import read_only
 from vibroswarm.inference.agents import silent_ticks
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import sent_messages
-from vibroswarm.inference.replay_arrays import Rows, Stops
-from vibroswarm.inference.sender_positions import NO_TRACKS
-from vibroswarm.inference.shared_deliveries import compute_deliveries
 from vibroswarm.motion.source import Motion
-from vibroswarm.networks import network as network_of
 from vibroswarm.result import Result
 
 RECEIVED: Final = 0
@@ -81,33 +76,9 @@ def message_log(result: Result, run: int = 0) -> MessageLog:
     moves = None if result.moves is None else result.moves.filter(of_run)
     motion = Motion(samples=result.motion.filter(of_run), ends=result.ends.filter(of_run), moves=moves)
     timeline = timeline_of(scenario, motion)
-    sender, tick = sent_messages(scenario, result.seed, timeline, result.observations.filter(of_run))
-    robots, messages = scenario.swarm.robots, sender.size
-    # compute_deliveries sends one message per row. A strategy may send at other times than its samples, so the rows and
-    # stops given here are those of messages, not of samples. Arrival ticks depend only on run, sender and tick of the
-    # messages, and on tracks. All other columns matter only for samples and for when messages are read: their values
-    # are zeros, or those of the motion.
-    rows = Rows(
-        bounds=read_only(np.array([0, messages])),
-        runs=read_only(np.array([run], dtype=np.int64)),
-        robot=read_only(sender.astype(np.uint16)),
-        sample=read_only(np.zeros(messages, dtype=np.uint32)),
-        time_s=read_only(np.zeros(messages)),
-        heard=read_only(np.zeros((messages, 3), dtype=np.int32)),
-        heard_at_end=read_only(np.zeros((robots, 3), dtype=np.int32)),
+    sender, tick, arrival_tick = sent_messages(
+        scenario, result.seed, timeline, result.observations.filter(of_run)
     )
-    of_motion = timeline.stops
-    stops = Stops(
-        tick=read_only(tick),
-        stop_tick=read_only(np.zeros(messages, dtype=np.int64)),
-        following=read_only(np.zeros(messages, dtype=np.int32)),
-        first=of_motion.first,
-        walked_tick=of_motion.walked_tick,
-        known_tick=of_motion.known_tick,
-    )
-    tracks = timeline.tracks if network_of(scenario.network.name).reads_positions else NO_TRACKS
-    arrival_tick = np.full((messages, robots), -1, dtype=np.int64)  # filled by compute_deliveries
-    compute_deliveries(scenario, result.seed, rows, stops, tracks, arrival_tick)
     return MessageLog(
         sender=sender,
         tick=tick,

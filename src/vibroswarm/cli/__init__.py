@@ -142,7 +142,7 @@ def _leave_at_once(code: int) -> NoReturn:
             process.kill()
         if "multiprocessing.synchronize" in sys.modules:
             _wait_for_pools()
-        atexit._run_exitfuncs()  # removes temporary folders, ends the process of background_compile
+        atexit._run_exitfuncs()  # removes temporary folders
         sys.stdout.flush()
     os._exit(code)
 

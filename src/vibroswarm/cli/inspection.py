@@ -279,7 +279,7 @@ def _inspected(
     inspected: Any = source
     if source is None:
         inspected = scenario_from(_with_default(scenario))
-        say_compiling(scenario=inspected)
+        say_compiling()
     else:
         _refuse_of_simulation(source, scenario, is_csv=is_csv)
     if is_csv:

@@ -14,7 +14,6 @@ from vibroswarm.core.stages import Stages
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.methods import SearchProgress
-    from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.study.runner import StudyProgress
 
 LINE_EVERY_S = 10.0
@@ -143,11 +142,11 @@ def _while_compiling(show: Callable[[], None]) -> Iterator[None]:
 
     No run ends while a kernel is compiled, so without this the display of progress would seem stuck.
     """
-    from vibroswarm.core.jit import add_compile_listener
+    from vibroswarm.core.jit import before_compiling
 
     if not _listens:
         _listens.append(True)
-        add_compile_listener(lambda module: _compiling[-1]() if _compiling else None)
+        before_compiling.append(lambda module: _compiling[-1]() if _compiling else None)
     _compiling.append(show)
     try:
         yield
@@ -183,21 +182,15 @@ _reported: set[tuple[str, ...]] = set()
 """Motion sources whose compilation was reported."""
 
 
-def say_compiling(*sources: str, scenario: Scenario | None = None) -> None:
-    """Unless an engine is cached, report on stderr that kernels are compiled, and start a second process for some.
-
-    The second process compiles the kernels of observation and inference (``background_compile``), while this process
-    compiles those of the engine, which simulate motion.
+def say_compiling(*sources: str) -> None:
+    """Unless an engine is cached, report on stderr that kernels are compiled.
 
     Args:
         sources: names of the motion sources (engines) of which at least one must be cached; without names, any engine.
-        scenario: whose kernels of inference are compiled; if it is not given, those of a strategy without feedback.
     """
-    from vibroswarm.cli.background_compile import begin
     from vibroswarm.core.jit import cache_folder, is_cached
 
     if sources not in _reported and not is_cached(*sources):
         _reported.add(sources)  # once: without a folder for the cache, kernels never are cached
-        begin(scenario)  # if no second process can be started, this process compiles all kernels itself
-        duration = "once (about 15 s; cached for later runs)" if cache_folder() is not None else "about 15 s"
+        duration = "once (about 25 s; cached for later runs)" if cache_folder() is not None else "about 25 s"
         report(f"compiling the engine, {duration} ...")

@@ -59,6 +59,6 @@ def run(
 def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Result:
     from vibroswarm.simulation import simulate
 
-    say_compiling(scenario=scenario)
+    say_compiling()
     with progress_bar("simulating") as progress:
         return simulate(scenario, seed, runs=1, motion=motion, segments=segments, progress=progress)

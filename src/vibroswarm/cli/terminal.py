@@ -116,7 +116,7 @@ def verbose() -> Iterator[None]:
 
     Nothing is reported unless ``--verbose`` is set (``_verbose_line``).
     """
-    from vibroswarm.core.jit import add_compile_listener, cache_folder, compiles
+    from vibroswarm.core.jit import before_compiling, cache_folder, compiles
     from vibroswarm.simulation import versions
 
     _since_s[0] = time.monotonic()
@@ -125,7 +125,7 @@ def verbose() -> Iterator[None]:
         _verbose_line(f"cache of compiled kernels: {cache_folder() or 'none can be used'}")
     if not _listens:
         _listens.append(True)
-        add_compile_listener(lambda module: _verbose_line(f"loads or compiles a kernel of {module}"))
+        before_compiling.append(lambda module: _verbose_line(f"loads or compiles a kernel of {module}"))
     try:
         yield
     finally:

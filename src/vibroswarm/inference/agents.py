@@ -25,7 +25,6 @@ from vibroswarm.core.rng import (
     NETWORK,
     STEERING,
     TIMER,
-    uniform,
 )
 from vibroswarm.core.tables import ALLOWED
 from vibroswarm.core.ticks import tick_at
@@ -320,23 +319,6 @@ def loss_draws(seed: int, run: int, receiver: int, sender: int, number: int) -> 
 def send_draws(seed: int, run: int, sender: int, number: int) -> Draws:
     """Return the address of the random numbers of ``send``; ``number`` counts the sender's messages from 0."""
     return Draws(seed, run, sender, NETWORK, number, ALONE, 0, -1.0)
-
-
-@inlined
-def is_lost(seed: int, run: int, receiver: int, sender: int, number: int, loss: float) -> bool:
-    """Return whether message ``number`` of the sender fails to reach the receiver.
-
-    Args:
-        loss: probability that a message is lost.
-    """
-    # Without losses the random number need not be computed.
-    return loss > 0.0 and loss_uniform(seed, run, receiver, sender, number) < loss
-
-
-@inlined
-def loss_uniform(seed: int, run: int, receiver: int, sender: int, number: int) -> float:
-    """Return the uniform number of a message and a receiver; the message is lost if it is below ``loss``."""
-    return uniform(seed, run, receiver, LOSS, number, sender)
 
 
 def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:

@@ -1,19 +1,18 @@
-"""Kernels of a strategy, generated from templates with the strategy's functions in place of ``default_hooks``.
+"""The replay kernel of a strategy and a network: ``replay_messages`` with their functions for ``default_hooks``.
 
-Numba caches a kernel on disk by its source and argument types. Functions that are passed as arguments, or are closed
-over, have another type in each process, so a kernel that uses them would never be found in the cache. Here each
-strategy and network get modules of their own. One, ``hooks``, holds their compiled functions and replaces
-``default_hooks``. The others are copies of templates (modules of this folder) that import from it. Their names contain
-a hash of the strategy, the network and our code, so a kernel is compiled once, and later processes find it.
+Functions that are passed as arguments, or are closed over, have another type in each process, so a kernel that uses
+them would never be found in the cache. Here each strategy and network get a module of their own: the text of
+``replay_messages``, in which generated text takes the place of the import from ``default_hooks``. The name of the
+module has a hash of that text and of the texts of users' files; this package's own code is in the name of the folder of
+kernels.
 """
 
 from __future__ import annotations
 
-import hashlib
-import inspect
+import re
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from threading import RLock
 from types import FunctionType, ModuleType
@@ -22,10 +21,9 @@ from uuid import uuid4
 
 import numpy as np
 
-from vibroswarm.core.compiled_code import UnknownValueError, compiled_text, globals_of, is_known, is_ours
-from vibroswarm.core.generated_modules import generated_module
-from vibroswarm.core.jit import inlined_uncached, source_hash
-from vibroswarm.errors import InputError, warn_once
+from vibroswarm.core.jit import generated, inlined_uncached
+from vibroswarm.core.user_code import globals_of, is_known, users_text
+from vibroswarm.errors import InputError
 from vibroswarm.inference import default_hooks
 from vibroswarm.inference.replay_arrays import detailed_reading, own_reading
 from vibroswarm.networks.base import Network
@@ -33,23 +31,20 @@ from vibroswarm.strategies.base import Strategy, arrays_of
 from vibroswarm.strategies.static_analysis import NETWORK_HOOKS, PARAMETERS, STRATEGY_HOOKS, is_shipped
 from vibroswarm.strategies.world import u
 
-FOLDER: Final = Path(__file__).parent
-"""Folder of the templates."""
-PACKAGE: Final = "vibroswarm_generated"
-"""Prefix of the names of generated modules."""
+TEMPLATE: Final = Path(__file__).with_name("replay_messages.py")
+"""Source of the kernel."""
+IMPORT: Final = re.compile(r"from vibroswarm\.inference\.default_hooks import \([^)]*\)")
+"""Text of the template that is replaced."""
 STRATEGIES: Final = "vibroswarm.strategies."
 """Functions of these modules may be called by any strategy."""
-IMPORT: Final = "from vibroswarm.inference.default_hooks import"
-"""Text of templates that is replaced by an import from the generated module ``hooks``."""
-
-HEADER: Final = """from typing import Any, NamedTuple
+HEADER: Final = """from typing import NamedTuple
 
 from vibroswarm.core.jit import inlined_uncached
 from vibroswarm.errors import CodeError
-"""
-"""Beginning of a generated module ``hooks``."""
-CLASS: Final = """
 
+"""
+"""Beginning of the generated text."""
+CLASS: Final = """
 class {name}(NamedTuple):
 {fields}
 """
@@ -69,74 +64,17 @@ TRUTH: Final = """found = own_{hook}({arguments})
 TRUTHS: Final = ("on_sample", "on_timer", "lost")
 """Hooks that return a truth value."""
 
-
 _building = RLock()
-"""Held while modules are made: a thread would import the module that another has registered and not filled yet."""
+"""Held while a module is made: of two threads, the second would take one that is not filled yet."""
 
 
 @cache
 def uses_uniforms(strategy: Strategy) -> bool:
-    """Return whether the strategy's ``on_sample`` uses the function ``u``, and so may draw random numbers.
+    """Return whether ``on_sample`` itself names the function ``u``, and so may draw random numbers.
 
-    If it does, it is worth computing the first random number of each sample in advance, for all samples at once. Only
-    ``on_sample`` itself is searched: if only functions that it calls use ``u``, numbers are computed when drawn.
+    If it does, it is worth computing the first random number of each sample in advance, for all samples at once.
     """
-    function = strategy.on_sample
-    return any(value is u for value in globals_of(function).values())
-
-
-def key_of(*declared: Strategy | Network) -> str:
-    """Return a hash, 12 hexadecimal digits, of all code from which the kernels of a strategy and a network are made.
-
-    The names of the modules of that code are part of it: a cached kernel refers to them. A user's file has one name if
-    it is imported, and another if it is loaded by name.
-
-    Raises:
-        UnknownValueError: a user's code reads a value of which no change can be seen.
-    """
-    # ``source_hash`` is that of this package's own source, which includes the templates.
-    text = "\0".join((source_hash(), *map(_declared_text, declared)))
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
-
-
-_of_ours: dict[Strategy | Network, str] = {}
-"""Texts of strategies and networks whose code is this package's, which stays as it is."""
-
-
-def _declared_text(declared: Strategy | Network) -> str:
-    if declared in _of_ours:
-        return _of_ours[declared]
-    users = [each for each in _functions_of(declared) if not is_ours(each.__module__)]
-    modules = sorted({str(function.__module__) for function in users})
-    # ``source`` is the text of a user's file that was loaded by name (``scenario.plugins``). It is empty for strategies
-    # and networks of this package, of installed packages and of a user's own program. What a user's file takes from
-    # other files is compiled in, and is not in its text.
-    text = "\0".join((declared.source or _text_of(declared), *modules, *map(compiled_text, users)))
-    if not users:
-        _of_ours[declared] = text
-    return text
-
-
-def _text_of(declared: Strategy | Network) -> str:
-    """Return a text that differs if the code of a strategy's or network's functions differs.
-
-    It is the source of the modules that define them; the functions of one strategy may come from several. Functions
-    without a source file, such as those typed into an interactive session, are described by their bytecode. The text is
-    empty if there are no functions.
-    """
-    texts: dict[str, None] = {}  # in the order of the functions, each text once
-    for function in _functions_of(declared):
-        module = inspect.getmodule(function)
-        text = ""
-        if module is not None:
-            with suppress(OSError, TypeError):  # TypeError: the module of an interactive session has no file
-                text = inspect.getsource(module)
-        texts[text or compiled_text(function)] = None
-    return "\0".join(texts)
-
-
-def _functions_of(declared: Strategy | Network) -> list[Callable[..., Any]]:
-    return [value for value in vars(declared).values() if isinstance(value, FunctionType)]
+    return any(value is u for value in globals_of(strategy.on_sample).values())
 
 
 def arrays_for(strategy: Strategy, network: Network, robots: int, sizes: Mapping[str, int]) -> Any:
@@ -151,7 +89,7 @@ def arrays_for(strategy: Strategy, network: Network, robots: int, sizes: Mapping
     if not declared:
         return 0
     arrays = {name: np.zeros((robots, array.size(sizes)), array.kind) for name, array in declared.items()}
-    return vars(hooks_of(strategy, network))["Arrays"](**arrays)
+    return vars(kernels(strategy, network))["Arrays"](**arrays)
 
 
 def network_arrays_for(strategy: Strategy, network: Network, params: object, sizes: Mapping[str, int]) -> Any:
@@ -164,119 +102,86 @@ def network_arrays_for(strategy: Strategy, network: Network, params: object, siz
             parameters. sizes: numbers of robots, rows, columns and tiles, by name.
     """
     arrays = network.arrays_of(params, sizes)
-    return vars(hooks_of(strategy, network))["NetworkArrays"](**arrays) if arrays else 0
+    return vars(kernels(strategy, network))["NetworkArrays"](**arrays) if arrays else 0
 
 
-def hooks_of(strategy: Strategy, network: Network) -> ModuleType:
-    """Return the module ``hooks`` of a strategy and a network: their compiled functions under the names of hooks."""
-    try:
-        key = key_of(strategy, network)
-    except UnknownValueError as unknown:
-        warn_once(
-            f"strategy '{strategy.name}' or network '{network.name}' reads {unknown}, of which no change can be seen: "
-            "its kernels are compiled at every start"
-        )
-        key = ""
+def kernels(strategy: Strategy, network: Network) -> ModuleType:
+    """Return the module of the replay kernel of a strategy and a network, which is built at the first call."""
     with _building:
-        return _hooks_of(strategy, network, key)
+        return _built(strategy, network)
 
 
 @cache
-def _hooks_of(strategy: Strategy, network: Network, key: str) -> ModuleType:
-    """Return ``hooks_of`` for a key of all that it is made of; empty: it is not known."""
-    name = f"{PACKAGE}.{strategy.name}_{network.name}_{key or uuid4().hex}.hooks"
-    return _hooks_module(name, strategy, network, is_saved=bool(key))
+def _built(strategy: Strategy, network: Network) -> ModuleType:
+    own = _own_hooks(strategy, network)
+    text = IMPORT.sub(lambda _: _text(strategy, network, own), TEMPLATE.read_text(encoding="utf-8"))
+    used = users_text(*own.values())
+    key = uuid4().hex if used is None else sha256(f"{text}\0{used}".encode()).hexdigest()[:16]
+    name = f"vibroswarm_generated_{strategy.name}_{network.name}_{key}"
+    module, compiled = generated(name, text, is_saved=used is not None), dict[Callable[..., Any], Any]()
+    vars(module)["reading_of"] = detailed_reading if strategy.reads_details else own_reading
+    for hook in PARAMETERS:
+        place = f"own_{hook}" if f"own_{hook}(" in text else hook
+        if place not in vars(module):  # else it is generated
+            vars(module)[place] = compiled_hook(own.get(hook) or getattr(default_hooks, hook), compiled)
+    return module
 
 
-def kernels(strategy: Strategy, network: Network, template: str) -> ModuleType:
-    """Return the module that is generated from a template for a strategy and a network, built at the first call.
-
-    Args:
-        template: name of a module of this folder that imports from ``default_hooks``, such as ``replay_counts``.
-    Raises:
-        ValueError: the module does not import from ``default_hooks``.
-    """
-    with _building:
-        return _kernels(hooks_of(strategy, network), template)
+def _own_hooks(strategy: Strategy, network: Network) -> dict[str, Callable[..., Any]]:
+    """Return the functions of a strategy and a network, by the names of their hooks."""
+    names = [(strategy, name) for name in STRATEGY_HOOKS] + [(network, name) for name in NETWORK_HOOKS]
+    hooks = {name: getattr(declared, name) for declared, name in names}
+    return {name: hook for name, hook in hooks.items() if hook is not None}
 
 
-@cache
-def _kernels(hooks: ModuleType, template: str) -> ModuleType:
-    text = (FOLDER / f"{template}.py").read_text()
-    if IMPORT not in text:
-        raise ValueError(f"{template} takes no hooks")
-    package = hooks.__name__.rpartition(".")[0]
-    text = text.replace(IMPORT, f"from {hooks.__name__} import")
-    return generated_module(f"{package}.{template}", text, is_saved=hooks.IS_SAVED)
-
-
-def _hooks_module(name: str, strategy: Strategy, network: Network, *, is_saved: bool) -> ModuleType:
-    """Build the module ``hooks`` of a strategy and a network, which has all names that ``default_hooks`` has.
-
-    Functions that only access fields and arrays by their declared names are generated as text. The others are the
-    functions of the strategy and of the network, compiled; ``default_hooks`` provides those that they do not define.
-
-    Args:
-        name: full name of the module. is_saved: whether its kernels are cached.
-    """
+def _text(strategy: Strategy, network: Network, own: Mapping[str, Callable[..., Any]]) -> str:
+    """Return the text that takes the place of ``default_hooks``, except ``own`` hooks and those not declared."""
     fields, of_network = tuple(arrays_of(strategy.arrays)), tuple(arrays_of(network.arrays))
     classes = {"Arrays": fields, "Views": fields, "NetworkArrays": (*network.lists, *of_network)}
-    text = HEADER
-    for class_name, of_class in classes.items():
-        if of_class:
-            text += CLASS.format(name=class_name, fields="\n".join(f"    {field}: Any" for field in of_class))
     has_bit = "bit" in (strategy.message_type.names or ())
-    opposite = "return"
-    if strategy.opposite is not None:
-        opposite = "opposite(m)"
-    elif has_bit:
-        opposite = "m.bit = 1 - m.bit"
-    elif strategy.has_opposite:
-        opposite = "m.kind = (m.kind + 1) % w.kinds"
-    views = f"Views({', '.join(f'arrays.{field}[i]' for field in fields)})"
+    constants = {
+        "COUNTS": "on_counts" in own and "on_timer" not in own,
+        "HEARS_ALL": network.send is None and network.lost is None,
+        "HAS_TIMER": "on_timer" in own,
+        "HAS_STEER": "steer" in own,
+        "IS_OPINION": strategy.decides == "opinion",
+        "HAS_SEND": network.send is not None,
+        "READS_POSITIONS": network.reads_positions,
+    }
+    opposite = "m.kind = (m.kind + 1) % w.kinds" if strategy.has_opposite else "return"
+    if "opposite" in own or has_bit:
+        opposite = "opposite(m)" if "opposite" in own else "m.bit = 1 - m.bit"
+    views = f"Views({', '.join(f'arrays.{each}[i]' for each in fields)})"
     hooks = {
         "views(arrays, i)": f"return {views if fields else 0}",
-        "clear_network(a)": "\n    ".join(f"a.{field}[:] = 0" for field in of_network) or "return",
-        # Only kernels that count bits call ``bit_of``. For messages without a bit it returns 0 and is not used.
+        "clear_network(a)": "\n    ".join(f"a.{each}[:] = 0" for each in of_network) or "return",
         "bit_of(m)": f"return {'m.bit' if has_bit else '0'}",
         "is_message(m)": f"return {'m.bit == 0 or m.bit == 1' if has_bit else 'True'}",
-        # ``next_s`` is called only if there is a timer.
-        "next_s(s)": f"return {'s.next_s' if strategy.on_timer else '0.0'}",
+        "next_s(s)": f"return {'s.next_s' if 'on_timer' in own else '0.0'}",
         "opposite_of(m, w)": opposite,  # of what a faulty robot would send
     }
-    if strategy.on_message is None and strategy.on_counts is not None:
+    if "on_message" not in own and "on_counts" in own:
         # Pass a single message to ``on_counts``, as a count of one.
         hooks["on_message(s, a, m, sender, t_s, d, p, w)"] = "on_counts(s, m.bit, 1 - m.bit, p, w)"
-    checked = [
-        (declared, hook)
-        for declared in (strategy, network)
-        for hook in TRUTHS
-        if not is_shipped(getattr(declared, hook, None))
-    ]
-    for declared, hook in checked:
-        kind, arguments = type(declared).__name__.lower(), ", ".join(PARAMETERS[hook])
-        hooks[f"{hook}({arguments})"] = TRUTH.format(
-            hook=hook, arguments=arguments, kind=kind, name=declared.name
+    for hook in TRUTHS:
+        if not is_shipped(own.get(hook)):
+            declared, arguments = network if hook in NETWORK_HOOKS else strategy, ", ".join(PARAMETERS[hook])
+            hooks[f"{hook}({arguments})"] = TRUTH.format(
+                hook=hook, arguments=arguments, kind=type(declared).__name__.lower(), name=declared.name
+            )
+    given = {
+        name: "\n".join(f"    {each}: Any" for each in of_class)
+        for name, of_class in classes.items()
+        if of_class
+    }
+    return "".join(
+        (
+            HEADER,
+            *(f"{name} = {value}\n" for name, value in constants.items()),
+            *(CLASS.format(name=name, fields=each) for name, each in given.items()),
+            *(HOOK.format(head=head, body=body) for head, body in hooks.items()),
         )
-    text += "".join(HOOK.format(head=head, body=body) for head, body in hooks.items())
-    module = generated_module(name, text, is_saved=is_saved)
-    space = vars(module)
-    space["IS_SAVED"] = is_saved
-    compiled: dict[Callable[..., Any], Any] = {}
-    for declared, names in ((strategy, STRATEGY_HOOKS), (network, NETWORK_HOOKS)):
-        for hook in names:
-            if hook in space:
-                continue  # generated as text above
-            space[hook] = compiled_hook(getattr(declared, hook) or getattr(default_hooks, hook), compiled)
-    for declared, hook in checked:
-        space[f"own_{hook}"] = compiled_hook(getattr(declared, hook), compiled)
-    space["reading_of"] = detailed_reading if strategy.reads_details else own_reading
-    space["HAS_TIMER"] = strategy.on_timer is not None
-    space["HAS_STEER"] = strategy.steer is not None
-    space["IS_OPINION"] = strategy.decides == "opinion"
-    space["HAS_SEND"] = network.send is not None
-    space["READS_POSITIONS"] = network.reads_positions
-    return module
+    )
 
 
 def _is_hook_code(function: FunctionType, module: str) -> bool:
@@ -299,14 +204,14 @@ def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any
     Raises:
         InputError: a function calls itself, directly or indirectly.
     """
+    if not isinstance(function, FunctionType):
+        return function  # compiled already
     if function in compiled:
         if compiled[function] is None:
             raise InputError(
                 f"{function.__name__} calls itself, which a robot's program may not", field="strategy"
             )
         return compiled[function]
-    if not isinstance(function, FunctionType):
-        return function  # compiled already
     compiled[function] = None  # being compiled
     called = {
         name: compiled_hook(value, compiled)
@@ -320,5 +225,7 @@ def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any
             function.__code__, space, function.__name__, function.__defaults__, function.__closure__
         )
         rebound.__module__, rebound.__qualname__ = function.__module__, function.__qualname__
-    compiled[function] = inlined_uncached(rebound, boundscheck=not is_ours(function.__module__))
+    compiled[function] = inlined_uncached(
+        rebound, boundscheck=not str(function.__module__).startswith("vibroswarm.")
+    )
     return compiled[function]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +19,18 @@ from numpy.typing import NDArray
 from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.closed_loop import ClosedLoop, add_piece
+from vibroswarm.inference.closed_loop import ClosedLoop
+from vibroswarm.inference.deliveries import needs_moves, timeline_of
+from vibroswarm.inference.replay import classes_and_values, replay_to_end
 from vibroswarm.motion.kernel_run import KernelRun, in_order
 from vibroswarm.motion.recorder import Rows, SampleColumns, joined, one_run, tables, with_samples
 from vibroswarm.motion.source import Motion, MotionState, join, source
-from vibroswarm.observation.observe import sensed_floors
+from vibroswarm.observation.observe import observe, reads_energies, sensed_floors
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 
 Take = Callable[[NDArray[np.void]], None]
 """Function that is called with new rows, which may be overwritten after the call."""
-
-
-State = TypeVar("State", bound=MotionState)
-Piece = TypeVar("Piece", Rows, Motion)
 
 
 class Wanted(NamedTuple):
@@ -63,24 +61,25 @@ def steered_motion(
     Raises:
         InputError: the motion source cannot be steered, or the strategy chooses a turn or a leg that is out of range.
     """
-    loop, t_end_s = ClosedLoop(scenario, seed), scenario.run.t_end_s
+    loop, grounds = ClosedLoop(scenario, seed), sensed_floors(scenario, seed, runs, floors)
     # One state serves all runs: ``start`` sets it to the start of each.
     state = steerable(source(motion).init(scenario, seed, runs[0], *wanted), motion)
-    columns, parts = SampleColumns(state.tick_ms, room=0), []
-    for done, (run, ground) in enumerate(zip(runs, sensed_floors(scenario, seed, runs, floors), strict=True)):
-        until_s = t_end_s
-        # A run that ends with the last decision is simulated twice: the first time to find its end, the second time to
-        # record it up to that end.
-        if scenario.run.stop == "all_decided":
+
+    def until(ends_s: NDArray[np.float64], progress: Callable[[float], None] | None) -> Motion:
+        columns, parts = SampleColumns(state.tick_ms, room=0), []
+        for done, (run, ground, end_s) in enumerate(zip(runs, grounds, ends_s.tolist(), strict=True)):
             loop.begin(run, ground)
             state.start(seed, run)
-            until_s = _decided_by(state, loop, t_end_s)
-        loop.begin(run, ground)
-        state.start(seed, run)
-        parts.append(_whole_run(state, loop, until_s, columns))
-        if progress is not None:
-            progress((done + 1) / len(runs))
-    return with_samples(columns.frame(), parts, state.tick_ms)
+            parts.append(_whole_run(state, loop, end_s, columns))
+            if progress is not None:
+                progress((done + 1) / len(runs))
+        return with_samples(columns.frame(), parts, state.tick_ms)
+
+    ends_s = np.full(len(runs), scenario.run.t_end_s)
+    if scenario.run.stop == "all_decided":
+        found_s = all_decided_s(scenario, seed, until(ends_s, None), floors)
+        ends_s = np.minimum(found_s + scenario.tick_s, ends_s)
+    return until(ends_s, progress)
 
 
 def steerable(state: MotionState, motion: str) -> KernelRun:
@@ -148,19 +147,6 @@ def steer_on(
     return sampled
 
 
-def _decided_by(state: KernelRun, loop: ClosedLoop, t_end_s: float) -> float:
-    """Advance a run until all robots have decided, or to ``t_end_s``; return the time at which the run ends, s.
-
-    That is one tick after the last robot has decided, but at most ``t_end_s``.
-    """
-    while not reached(state.time_s, t_end_s, loop.tick_ms):
-        steer_on(state, loop, t_end_s)
-        decided_s = loop.first_all_decided_s
-        if decided_s is not None:
-            return min(decided_s + loop.scenario.tick_s, t_end_s)
-    return t_end_s
-
-
 def _whole_run(state: KernelRun, loop: ClosedLoop, until_s: float, columns: SampleColumns) -> Rows:
     """Advance a run from its start to ``until_s``; append its samples to ``columns``, and return its other rows.
 
@@ -193,13 +179,6 @@ def _whole_run(state: KernelRun, loop: ClosedLoop, until_s: float, columns: Samp
     )
 
 
-PIECE_S: Final = 100.0
-"""Length of the pieces in which motion advances, s. The piece in which the last robot decides is simulated again, up to
-that decision."""
-LIKELY: Final = 0.9
-"""Length of a run's first piece, as a share of the shortest run so far. It affects speed only, not the result."""
-
-
 def until_all_decided(
     scenario: Scenario,
     seed: int,
@@ -211,78 +190,52 @@ def until_all_decided(
 ) -> Motion:
     """Simulate the motion of runs until one tick after all robots have decided, or to ``run.t_end_s``.
 
+    Whole runs are replayed to find that tick; then each is simulated once more, up to it.
+
     Args:
         runs: run numbers, at least one. floors: floor of each run, by run number. motion: name of the motion source.
         wanted: tables requested beside the samples. progress: called after each run with the share of runs done.
     """
-    loop, t_end_s = ClosedLoop(scenario, seed), scenario.run.t_end_s
-    # Our engines give rows, of which tables are made once, for all runs; other sources give tables.
-    state = source(motion).init(scenario, seed, runs[0], *wanted)
-    rows, pieces = list[Rows](), list[Motion]()
-    # first_s: length of a run's first piece. A run is likely to take at least the share LIKELY of the shortest run so
-    # far, so its first piece is that long.
-    first_s, shortest_s = PIECE_S, t_end_s
-    for done, (run, ground) in enumerate(zip(runs, sensed_floors(scenario, seed, runs, floors), strict=True)):
-        loop.begin(run, ground)
-        if isinstance(state, KernelRun):
-            state.start(seed, run)
-            of_run, end_s = _run(state, loop, first_s, KernelRun.rows, _replay_rows)
-            rows.append(one_run(of_run))
-        else:
-            if done > 0:  # a new state for each run: only our engines can begin another run in the same state
-                state = source(motion).init(scenario, seed, run, *wanted)
-            more, end_s = _run(
-                state, loop, first_s, lambda state, until_s: state.advance(until_s), _replay_tables
-            )
-            pieces += more
-        shortest_s = min(shortest_s, end_s)
-        first_s = max(LIKELY * shortest_s, scenario.tick_s)  # at least one tick, so that the run advances
-        if progress is not None:
-            progress((done + 1) / len(runs))
-    return tables(rows, loop.tick_ms) if rows else join(pieces)
+    whole = source(motion).batch(scenario, seed, runs, False, needs_moves(scenario))
+    ends_s = np.minimum(all_decided_s(scenario, seed, whole, floors) + scenario.tick_s, scenario.run.t_end_s)
+    return motion_until(scenario, seed, runs, motion, wanted, ends_s, progress)
 
 
-def _run(
-    state: State,
-    loop: ClosedLoop,
-    first_s: float,
-    advance: Callable[[State, float], Piece],
-    replay: Callable[[Piece, State, ClosedLoop], None],
-) -> tuple[list[Piece], float]:
-    """Advance one run until one tick after all robots have decided, or to ``run.t_end_s``.
-
-    Motion advances in pieces. The piece in which the last robot decides is repeated from a copy of the state at its
-    beginning, up to one tick after the decision.
+def motion_until(
+    scenario: Scenario,
+    seed: int,
+    runs: Sequence[int],
+    motion: str,
+    wanted: Wanted,
+    ends_s: NDArray[np.float64],
+    progress: Callable[[float], None] | None = None,
+) -> Motion:
+    """Simulate the motion of runs, each up to an end of its own.
 
     Args:
-        state: the run at its start, changed. loop: the run's closed loop, begun. first_s: length of the first piece.
-        advance: simulates a state to a time, s, and returns the new motion. replay: replays that motion in the loop.
-    Returns: the pieces, and the time at which the run ends, s.
+        ends_s: (runs,). Others: as of ``until_all_decided``.
     """
-    pieces: list[Piece] = []
-    t_end_s, length_s = loop.scenario.run.t_end_s, first_s
-    while not reached(state.time_s, t_end_s, loop.tick_ms):
-        before = state.copy()
-        piece = advance(state, min(state.time_s + length_s, t_end_s))
-        replay(piece, state, loop)
-        decided_s = loop.first_all_decided_s
-        if decided_s is not None:
-            end_s = min(decided_s + loop.scenario.tick_s, t_end_s)
-            pieces.append(advance(before, end_s))
-            return pieces, end_s
-        pieces.append(piece)
-        length_s = PIECE_S
-    return pieces, t_end_s
+    found, state, rows, pieces = source(motion), None, list[Rows](), list[Motion]()
+    for done, (run, end_s) in enumerate(zip(runs, ends_s.tolist(), strict=True)):
+        if isinstance(state, KernelRun):
+            state.start(seed, run)
+        else:
+            state = found.init(scenario, seed, run, *wanted)
+        if isinstance(state, KernelRun):  # rows, of which tables are made once
+            rows.append(one_run([state.rows(end_s)]))
+        else:
+            pieces.append(state.advance(end_s))
+        if progress is not None:
+            progress((done + 1) / len(runs))
+    return tables(rows, scenario.run.control_period_ms) if rows else join(pieces)
 
 
-def _replay_rows(rows: Rows, state: KernelRun, loop: ClosedLoop) -> None:
-    """Replay the rows by which one of our engines has advanced ``state``."""
-    loop.add_samples(rows.samples)
-    if loop.needs_moves and rows.moves is not None:
-        loop.add_moves(rows.moves)
-    loop.catch_up(state.tick, state.stop_ticks)
-
-
-def _replay_tables(piece: Motion, _: MotionState, loop: ClosedLoop) -> None:
-    """Replay the tables that any other source of motion has returned."""
-    loop.catch_up(*add_piece(piece, [loop], loop.tick_ms))
+def all_decided_s(
+    scenario: Scenario, seed: int, motion: Motion, floors: Mapping[int, Floor]
+) -> NDArray[np.float64]:
+    """Return when all robots of each run had decided, (runs,); inf where some have not."""
+    seen = observe(scenario, seed, motion.samples, floors, energies=reads_energies(scenario))
+    swarm = replay_to_end(scenario, seed, timeline_of(scenario, motion), *classes_and_values(seen))
+    has_decided = swarm.agents["decision"] != -1
+    decided_s = np.where(has_decided, swarm.agents["first_decided_s"], np.inf)
+    return np.asarray(decided_s.reshape(-1, scenario.swarm.robots).max(axis=1))

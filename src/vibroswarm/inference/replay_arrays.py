@@ -20,8 +20,6 @@ from vibroswarm.strategies.world import DetailedReading, Reading
 
 DONE: Final = 0
 """Status code: all is replayed."""
-DOES_NOT_SEND: Final = 1
-"""Error code: a strategy with ``on_counts`` did not send at a sample."""
 BUFFER_FULL: Final = 2
 """Status code: a buffer of messages is full; the call must be repeated with a larger one."""
 INVALID_DECISION: Final = 3
@@ -33,8 +31,6 @@ AGREED_SINCE: Final = 0
 SETTLED: Final = 1
 """Index in ``MessageBuffer.agreement`` of whether the opinions became decisions (1) or not (0)."""
 ERROR_TEXT: Final = {
-    DOES_NOT_SEND: "on_sample did not send; a strategy that counts messages (on_counts) sends at every sample: "
-    "let it return True, or give it on_message in place of on_counts",
     INVALID_DECISION: "a decision is none of -1 (undecided), 0, 1 (or a further kind of tile)",
     INVALID_MESSAGE: "the bit of a message is neither 0 nor 1",
 }
@@ -60,12 +56,6 @@ class Rows(NamedTuple):
     """(rows,): index of the sample among the robot's samples."""
     time_s: NDArray[np.float64]
     """(rows,): time of the sample."""
-    heard: NDArray[np.int32]
-    """(rows, 3), at the time of the sample. HEARD_ROWS: number n of the run's messages that the robot has passed: it
-    has read the first n messages, but for its own. LAST_OWN: row of the last message among them that is its own,
-    counted from the run's first row; -1: none. OTHERS: number of messages among them that are not its own."""
-    heard_at_end: NDArray[np.int32]
-    """(runs * robots, 3): the same for each robot at the end of its run."""
 
 
 class Readings(NamedTuple):
@@ -171,6 +161,10 @@ class MessageBuffer(NamedTuple):
     """``Inbox`` of the messages under way; 0 for networks without ``send``."""
     filled: NDArray[np.int64]
     """(1,): number of messages."""
+    ones: NDArray[np.int64]
+    """(capacity + 1,): number of ones among the messages before each; filled only if bits are counted."""
+    arrivals: NDArray[np.int64]
+    """(capacity, robots): tick from which each robot can read each message, -1: never; (0, 0) if not requested."""
     agreement: NDArray[np.int64]
     """(2,): tick since which all opinions agree (-1: they do not); 1 if they have agreed for long enough, else 0."""
     zero_message: NDArray[np.void]
@@ -203,9 +197,6 @@ class Log(NamedTuple):
 def empty_log(rows: int, state_type: np.dtype[np.void]) -> Log:
     """Allocate a log for ``rows`` samples.
 
-    ``sends`` is set to 1 everywhere. Only the kernel of ``replay_messages`` writes it; in the other kernels robots send
-    a message at each sample.
-
     Args:
         state_type: row type of the strategy's state.
     """
@@ -216,92 +207,6 @@ def empty_log(rows: int, state_type: np.dtype[np.void]) -> Log:
         decision=np.empty(rows, dtype=np.int8),
         sends=np.ones(rows, dtype=np.uint8),
     )
-
-
-class Counts(NamedTuple):
-    """Messages sent so far in a run, and numbers of ones among them, saved between calls; rows are those of one run."""
-
-    messages: NDArray[np.void]
-    """(rows of the longest run,): the message sent at each row, of the strategy's ``Message``."""
-    zero_message: NDArray[np.void]
-    """(1,): a zeroed message."""
-    ones_sent: NDArray[np.int32]
-    """(rows of the longest run + 1,): number of ones among the run's messages before each row."""
-    own_ones: NDArray[np.int32]
-    """(rows of the longest run,): number of ones among the messages of the row's sender up to and including that
-    row."""
-    ones_reached: NDArray[np.uint64]
-    """(rows of the longest run + 1, words): number of ones among the messages before each row that reach each robot, in
-    lanes (``deliveries.LANES``)."""
-
-
-class Deliveries(NamedTuple):
-    """Messages that each robot reads before each of its samples, if all robots send once per sample.
-
-    ``which`` is a list of messages in parts. The parts of a run are those of its rows, then those of its robots.
-    """
-
-    which: NDArray[np.int32]
-    """Row of each message's sample, from the run's first."""
-    until: NDArray[np.int64]
-    """(rows,): end in ``which`` of the part of row k: the messages that the robot reads before that sample. A part
-    begins where the part before it ends."""
-    until_at_end: NDArray[np.int64]
-    """(runs * robots,): end in ``which`` of the part of each robot: the messages that it reads after its last
-    sample."""
-
-
-NO_DELIVERIES: Final = Deliveries(
-    *(read_only(np.empty(0, dtype=kind)) for kind in (np.int32, np.int64, np.int64))
-)
-"""Empty deliveries, for replays that need none."""
-
-
-class DeliveryScratch(NamedTuple):
-    """Scratch memory for computing deliveries."""
-
-    arrival: NDArray[np.int64]
-    """(robots,): tick from which each robot can read the message that was sent last; -1: never."""
-    inbox: Inbox
-    """Messages under way."""
-    sent: NDArray[np.int64]
-    """(robots,): number of messages sent so far."""
-    x_m: NDArray[np.float64]
-    """(robots,): x of each robot when a message is sent; empty if the network does not read positions."""
-    y_m: NDArray[np.float64]
-    """(robots,): y of each robot when a message is sent; empty if the network does not read positions."""
-    zero_network_state: NDArray[np.void]
-    """(1,): a zeroed network state."""
-    log: NDArray[np.int64]
-    """(rows, robots): ``arrival`` of each message, written; empty if not requested."""
-
-
-class HeardMessages(NamedTuple):
-    """Messages heard so far in a recorded run; all zeros at its start."""
-
-    heard: NDArray[np.uint8]
-    """(robots, rows): 1 if the robot has heard the message of that row."""
-    leftover_from: NDArray[np.int64]
-    """(robots,): first row of the messages that were new at the robot's previous sample; they end at ``new_from``."""
-    new_from: NDArray[np.int64]
-    """(robots,): first row of the messages that are new at the robot's next sample."""
-
-
-class Session(NamedTuple):
-    """Samples of one recorded run, in order of time, (rows,) each."""
-
-    robot: NDArray[np.int64]
-    """Robot of the sample."""
-    sample: NDArray[np.int64]
-    """Index of the sample among the robot's samples."""
-    time_s: NDArray[np.float64]
-    """Time of the sample."""
-    hears_until_s: NDArray[np.float64]
-    """Messages sent before this time have arrived when the sample is taken."""
-    received: NDArray[np.int64]
-    """Number of messages received since the robot's previous row, by its log."""
-    observation: NDArray[np.uint8]
-    """Class that the robot read."""
 
 
 class Inbox(NamedTuple):

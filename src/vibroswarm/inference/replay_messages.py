@@ -1,8 +1,9 @@
-"""Replay of a strategy message by message, with timers, over the samples of runs: template of a kernel.
+"""Replay of a strategy, with timers, over the samples of runs: template of the kernel for every strategy and network.
 
-It handles every strategy and network. ``replay_counts`` gives the same results, but is faster, for strategies that send
-one bit at each sample over a simple network. Events (samples and timers) are processed in the order of tick and robot.
-Before each of its events, a robot reads the messages that have arrived at it.
+A strategy that counts bits (``COUNTS``) is given the numbers of ones and zeros that it has not read yet; over the ideal
+network they are differences of sums over all messages. All others read message by message. Events (samples and timers)
+are processed in the order of tick and robot. Before each of its events, a robot reads the messages that have arrived at
+it.
 
 Robot ``i`` of the r-th run is in row ``e`` = r * robots + i of the swarm's arrays; ``first`` is the row of its run's
 robot 0. ``low`` is the first row of the run's samples. ``s``, ``a``, ``p``, ``w`` are the robot's state, arrays and
@@ -31,18 +32,22 @@ from vibroswarm.inference.agents import (
     world_of_robot,
 )
 from vibroswarm.inference.default_hooks import (
+    COUNTS,
     HAS_SEND,
     HAS_STEER,
     HAS_TIMER,
+    HEARS_ALL,
     IS_OPINION,
     READS_POSITIONS,
     begin,
     belief,
+    bit_of,
     clear_network,
     decision,
     is_message,
     lost,
     next_s,
+    on_counts,
     on_message,
     on_sample,
     on_timer,
@@ -84,7 +89,8 @@ def read_arrived(
     """Let robot ``i``, in row ``e``, read the messages that have arrived by tick ``walked``, at which it last walked.
 
     A robot reads only while it walks, and never again from the tick on at which its radio is dead. A message that
-    arrives while the robot stands is read at the first tick at which it walks again.
+    arrives while the robot stands is read at the first tick at which it walks again. One that stands from sample to
+    sample, as robots of a user's source may, reads just before each sample.
 
     Args:
         buffer: messages of the run; messages that are read leave the robot's inbox. world: as robot 0 knows it.
@@ -95,27 +101,44 @@ def read_arrived(
     # since: the first tick after its last sample, at which it walks again. last: the last tick before its radio is
     # dead.
     count, since, last = buffer.filled[0], row.sample_tick + 1, swarm.failures[e].silent_tick - 1
+    if last < since:
+        return
     walked = min(walked, last)
-    if walked < since:
-        return  # it has not walked since its last sample, or only with a dead radio
+    if COUNTS and HEARS_ALL and walked >= since:  # all messages sent before it last walked, less its own
+        heard = count
+        while heard > 0 and buffer.tick[heard - 1] >= walked:
+            heard -= 1
+        got, ones = heard - row.sent - row.received, buffer.ones[heard] - row.own_ones - row.ones
+        row.heard, row.received, row.ones = heard, row.received + got, row.ones + ones
+        on_counts(s, ones, got - ones, p, w)
+        return
+    got = ones = 0
     if HAS_SEND:
         inbox = buffer.inbox
         while inbox.first[i] >= 0 and inbox.arrival_tick[inbox.first[i]] <= walked:
             m, arrival_tick = inbox.message[inbox.first[i]], inbox.arrival_tick[inbox.first[i]]
             take_first(inbox, i)
-            read_message(s, a, buffer, m, max(arrival_tick, since), seed, run, i, p, w)
-            row.received += 1
-        return
-    # Without ``send`` a message arrives at the next tick or is lost.
-    while row.heard < count and buffer.tick[row.heard] < walked:
-        m = row.heard
-        row.heard += 1
-        sender, number = buffer.sender[m], buffer.number[m]
-        if sender != i and not lost(
-            sender, i, loss_draws(seed, run, i, sender, number), network_params[0], w
-        ):
-            read_message(s, a, buffer, m, max(buffer.tick[m] + 1, since), seed, run, i, p, w)
-            row.received += 1
+            got += 1
+            if COUNTS:
+                ones += bit_of(buffer.messages[m])
+            else:
+                read_message(s, a, buffer, m, max(arrival_tick, since), seed, run, i, p, w)
+    else:  # a message arrives at the next tick or is lost
+        while row.heard < count and buffer.tick[row.heard] < walked:
+            m = row.heard
+            row.heard += 1
+            sender, number = buffer.sender[m], buffer.number[m]
+            if sender == i or lost(sender, i, loss_draws(seed, run, i, sender, number), network_params[0], w):
+                continue
+            got += 1
+            if COUNTS:
+                ones += bit_of(buffer.messages[m])
+            else:
+                read_message(s, a, buffer, m, max(buffer.tick[m] + 1, since), seed, run, i, p, w)
+    row.received += got
+    if COUNTS and got > 0:
+        row.ones += ones
+        on_counts(s, ones, got - ones, p, w)
 
 
 @inlined
@@ -161,6 +184,17 @@ def send_message(
             arrives = j != i and buffer.arrival[j] >= 0
             if arrives and not put_message(buffer.inbox, j, m, max(buffer.arrival[j], tick + 1)):
                 return False
+    if COUNTS and HEARS_ALL:
+        bit = bit_of(buffer.messages[m])
+        buffer.ones[m + 1] = buffer.ones[m] + bit
+        row.own_ones += bit
+    for j in range(buffer.arrivals.shape[1]):  # none, unless they are to be listed
+        if HAS_SEND:
+            at = buffer.arrival[j]
+        else:
+            d = loss_draws(seed, run, j, i, row.sent)
+            at = -1 if lost(i, j, d, network_params[0], world_of_robot(world, j)) else tick
+        buffer.arrivals[m, j] = -1 if j == i or at < 0 else max(at, tick + 1)
     row.sent += 1
     buffer.filled[0] += 1
     return True
@@ -188,7 +222,8 @@ def due_tick(swarm: Swarm, e: int, w: World) -> int:
 
 @inlined
 def update_decision(
-    swarm: Swarm, first: int, e: int, i: int, tick: int, t_s: float, agreement: NDArray[np.int64], world: World
+    swarm: Swarm, first: int, e: int, i: int, tick: int, t_s: float, agreement: NDArray[np.int64], world: World,
+    is_logged: bool,
 ) -> int:  # fmt: skip
     """Update belief, timer and decision of robot ``i``, in row ``e``, after a sample or timer.
 
@@ -203,8 +238,9 @@ def update_decision(
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a = views(swarm.arrays, e)
     row.tick = tick
-    row.belief = belief(s, a, p, w)
     new = decision(s, a, p, w)
+    if is_logged or IS_OPINION or HAS_STEER or new != row.opinion:  # else it is computed once, at the end
+        row.belief = belief(s, a, p, w)
     if not is_decision(new, w.kinds):
         return INVALID_DECISION
     if HAS_TIMER:
@@ -265,7 +301,7 @@ def begin_run(
     Args:
         buffer, tracks, network_state, network_arrays: changed. world: as robot 0 knows it.
     """
-    buffer.filled[0] = 0
+    buffer.filled[0], buffer.ones[0] = 0, 0
     buffer.agreement[AGREED_SINCE], buffer.agreement[SETTLED] = -1, 0
     network_state[0] = buffer.zero_network_state[0]
     clear_network(network_arrays)
@@ -351,7 +387,7 @@ def replay(
     rows: Rows, stops: Stops, readings: Readings, replayed: NDArray[np.int64], swarm: Swarm,
     messages: NDArray[np.void], buffer: MessageBuffer, tracks: Any, log: Log, steering: Any,
     world: World, network_params: NDArray[np.void], network_state: NDArray[np.void], network_arrays: Any,
-    bytes_on_air: int, seed: int, from_start: bool, to_end: bool, limit_s: float,
+    bytes_on_air: int, seed: int, from_start: bool, to_end: bool, limits_s: NDArray[np.float64],
 ) -> int:  # fmt: skip
     """Replay the runs, one after the other, from where the last call stopped; return ``DONE`` or an error code.
 
@@ -367,12 +403,13 @@ def replay(
         network_params, network_state: (1,). network_arrays: the network's arrays, or 0 if it has none.
         bytes_on_air: length of a message.
         from_start: begin at time 0, not where the last call stopped. to_end: also read the messages that arrive after
-            the last event. limit_s: do not replay events after this time.
+            the last event. limits_s: (runs,): do not replay events of a run after this time.
     Returns: ``DONE``; ``BUFFER_FULL`` if all must be repeated with a larger buffer; or an error code.
     """
     robots = swarm.params.size
     for r in range(rows.runs.size):
         low, high, run, first = rows.bounds[r], rows.bounds[r + 1], rows.runs[r], r * robots
+        limit_s = limits_s[r]
         if from_start:
             replayed[r] = 0
             begin_run(swarm, first, buffer, tracks, world, network_state, network_arrays, seed, run)
@@ -402,7 +439,17 @@ def replay(
                 read_arrived(swarm, e, i, stops.stop_tick[k] - 1, buffer, world, seed, run, network_params)
                 sends = take_sample(swarm, e, i, k, rows, readings, out, w, seed, run)
                 swarm.agents[e].sample_tick, swarm.agents[e].row = tick, k - low
-            wrong = update_decision(swarm, first, e, i, tick, t_s, buffer.agreement, world)
+            wrong = update_decision(
+                swarm,
+                first,
+                e,
+                i,
+                tick,
+                t_s,
+                buffer.agreement,
+                world,
+                log.belief.size > 0,
+            )
             if wrong != DONE:
                 return wrong
             if t_s >= swarm.failures[e].opposite_from_s:
@@ -434,6 +481,11 @@ def replay(
         if to_end:
             for i in range(robots):
                 e = first + i
+                row = swarm.agents[e]
+                if row.samples + row.timers > 0:
+                    row.belief = belief(
+                        swarm.states[e], views(swarm.arrays, e), swarm.params[i], world_of_robot(world, i)
+                    )
                 read_arrived(swarm, e, i, stops.walked_tick[e], buffer, world, seed, run, network_params)
     return DONE
 

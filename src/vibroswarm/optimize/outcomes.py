@@ -9,10 +9,9 @@ same settings of motion share one simulated motion.
 from __future__ import annotations
 
 import math
-import threading
-from bisect import bisect_right, insort
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -20,11 +19,10 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.figures import Swarms
-from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError
-from vibroswarm.inference.agents import arrays_fit
-from vibroswarm.inference.closed_loop import ClosedLoop, advance_loops
-from vibroswarm.inference.motion_feedback import steer_on, steerable
+from vibroswarm.inference.agents import arrays_fit, estimate_of, posterior_of, strategy_used
+from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
+from vibroswarm.inference.motion_feedback import Wanted, motion_until, steered_motion
 from vibroswarm.inference.outcomes import (
     Array,
     capped_time_s,
@@ -36,11 +34,12 @@ from vibroswarm.inference.outcomes import (
     run_columns,
     wrong_of,
 )
-from vibroswarm.motion.kernel_run import KernelRun
-from vibroswarm.motion.source import MotionState, source
-from vibroswarm.observation.observe import sensed_floors
+from vibroswarm.inference.replay import advance, classes_and_values
+from vibroswarm.inference.replayer import Replayer
+from vibroswarm.motion.source import Motion
+from vibroswarm.observation.observe import observe, reads_energies
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import OF_MOTION, floors_of, steers
+from vibroswarm.simulation import OF_MOTION, OF_OBSERVATION, floors_of, steers
 
 POLL_S: Final = 20.0
 """Interval at which the paper's program checked whether all robots had decided, s; see ``end_s``."""
@@ -187,12 +186,6 @@ def end_s(last_decision_s: float, t_end_s: float) -> float:
     return min(math.ceil(last_decision_s / POLL_S) * POLL_S, t_end_s)
 
 
-PIECE_S: Final = 100.0
-"""Simulated time between checks whether all robots have decided, while the typical duration is unknown."""
-MARGIN_S: Final = 30.0
-"""A check takes as long to compute as this simulated time of motion."""
-
-
 def outcomes_of(
     scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str = "event"
 ) -> list[Outcomes]:
@@ -228,152 +221,118 @@ def _simulated_together(
 ) -> list[Outcomes]:
     """Simulate the motion of each run once, and from it the outcomes of all these scenarios, which share motion.
 
-    The arguments and the result are those of ``outcomes_of``. A scenario that steers is the only one.
+    Motion is simulated as far as most runs need it, and once more, to T_end, for those that need more. The arguments
+    and the result are those of ``outcomes_of``. A scenario that steers is the only one.
     """
-    courses = [_ScenarioRuns(scenario, seed, runs) for scenario in scenarios]
-    loops = [course.loop for course in courses]
-    state: MotionState | None = None
-    for r, run in enumerate(runs):
-        if isinstance(state, KernelRun):
-            state.start(seed, run)  # reuses the memory of the run before
+    first, t_end_s = scenarios[0], scenarios[0].run.t_end_s
+    courses = [_Course(scenario, seed, runs) for scenario in scenarios]
+    wanted, is_steered = Wanted(moves=any(map(needs_moves, scenarios))), steers(first)
+    before = _needed_s(tuple(getattr(first, section) for section in OF_MOTION))
+    # Simulated time of a run if it is simulated up to ``until_s`` first, by what the last ones needed.
+    costs = {
+        until_s: until_s + t_end_s * sum(s > until_s for s in before) / len(before) for until_s in before
+    }
+    until_s = t_end_s if is_steered else min([*before, t_end_s], key=lambda s: costs.get(s, t_end_s))
+    left = np.arange(len(runs))
+    while left.size:
+        some = [runs[r] for r in left.tolist()]
+        if is_steered:
+            whole = first.with_values({"run.stop": "t_end"})
+            moved = steered_motion(whole, seed, some, courses[0].floors, motion, wanted)
         else:
-            # The motion source makes further tables only on request: segments of motion are never needed here.
-            needs_segments, needs_moves = False, any(loop.needs_moves for loop in loops)
-            # Any of the scenarios will do, since they have the same settings of motion.
-            state = source(motion).init(scenarios[0], seed, run, needs_segments, needs_moves)
-        for course in courses:
-            course.loop.begin(run, course.grounds[r])
-
-        # The motion is simulated up to the latest time that a scenario needs. ``finish`` then rewinds the loop of each
-        # other scenario to the end of its run.
-        if len(loops) == 1 and loops[0].can_follow(state):
-            loops[0].follow(state, POLL_S)
-        until_s = max(course.until_s(state.time_s) for course in courses)
-        # A run of a single tick is at its end from the start, and is replayed all the same.
-        while loops[0].is_new or not reached(state.time_s, until_s, loops[0].tick_ms):
-            if loops[0].steers:  # then it is the only one
-                steer_on(steerable(state, motion), loops[0], until_s)
-            else:
-                advance_loops(state, loops, until_s)
-            until_s = max(course.until_s(state.time_s) for course in courses)
-        for course in courses:
-            course.finish(r)
-    for loop in loops:
-        _put_back(loop)
+            moved = motion_until(first, seed, some, motion, wanted, np.full(left.size, until_s))
+        timeline, seen = timeline_of(first, moved), dict[Any, pl.DataFrame]()
+        needed_s = np.max([course.take(left, timeline, moved, seen) for course in courses], axis=0)
+        before += needed_s.tolist() if left.size == len(runs) else []
+        left = left[needed_s > until_s + 1e-9] if until_s < t_end_s else left[:0]
+        until_s = t_end_s
+    del before[:-MANY]
     return [course.outcomes() for course in courses]
 
 
-_cache = threading.local()
-"""``loops`` is this thread's list of closed loops that are not in use, the last used at the end."""
-MANY: Final = 30
-"""Number of runs of earlier calls from which, with those of this call, the end of the next run is estimated."""
-KEPT: Final = 4
-"""Most closed loops that a thread caches, since a search simulates each scenario a few runs at a time."""
+MANY: Final = 100
+"""Number of earlier runs that tell how long the next ones take."""
 
 
-def _take_loop(scenario: Scenario, seed: int) -> ClosedLoop:
-    """Take the closed loop of this scenario and seed out of the thread's cache, or make one if there is none.
-
-    The caller puts the loop back with ``_put_back`` after use. A loop in use must not be in the cache: a list of
-    scenarios may hold the same scenario twice, and each entry needs a loop of its own. Scenarios are compared by
-    identity, which suffices: ``evaluate`` caches them, so that the pieces of a candidate have the same objects.
-    """
-    loops: list[ClosedLoop] = vars(_cache).setdefault("loops", [])
-    cached = next((loop for loop in loops if loop.scenario is scenario and loop.seed == seed), None)
-    if cached is None:
-        return ClosedLoop(scenario, seed)
-    loops.remove(cached)
-    return cached
+@lru_cache(maxsize=16)
+def _needed_s(of_motion: Any) -> list[float]:
+    """Return up to when motion was needed in the last runs with these settings, s: a list that callers extend."""
+    del of_motion
+    return []
 
 
-def _put_back(loop: ClosedLoop) -> None:
-    """Put a closed loop into the thread's cache; drop the loop that was not used for longest if there are too many."""
-    loops: list[ClosedLoop] = vars(_cache).setdefault("loops", [])
-    loops.append(loop)
-    del loops[: -min(KEPT, arrays_fit(loop.scenario))]  # the last ones remain
-
-
-class _ScenarioRuns:
-    """The runs of one scenario while they are simulated, one after the other."""
+class _Course:
+    """The runs of one scenario."""
 
     def __init__(self, scenario: Scenario, seed: int, runs: Sequence[int]) -> None:
-        """Make the floors of the runs and empty arrays of outcomes, and take the scenario's closed loop.
-
-        The caller puts the loop back with ``_put_back`` at the end.
-        """
-        floors = floors_of(scenario, seed, runs)
-        self.scenario, self.loop = scenario, _take_loop(scenario, seed)
-        self.tick_s, self.t_end_s = scenario.tick_s, scenario.run.t_end_s
-        self.stops_early, self.may_change = scenario.run.stop == "all_decided", self.loop.may_change
-        self.runs = runs
-        self.grounds = sensed_floors(scenario, seed, runs, floors)
-        """The floor and the sensors of each run, in the order of ``runs``."""
-        self.floors = floors
-        self.tiles = floors[runs[0]].tiles.size
-        shape = (len(runs), scenario.swarm.robots)
+        """Make the floors of the runs, and empty arrays of outcomes."""
+        self.scenario, self.seed, self.runs, self.strategy = scenario, seed, runs, strategy_used(scenario)
+        self.floors, shape = floors_of(scenario, seed, runs), (len(runs), scenario.swarm.robots)
         self.decision, self.sent = np.empty(shape, dtype=np.int64), np.empty(shape, dtype=np.int64)
         self.decision_time_s, self.estimate = np.empty(shape), np.empty(shape)
-        self.end_s, self.judged_s = np.empty(len(runs)), np.full(len(runs), self.t_end_s)
-        self.ends_s = sorted(self.loop.ends_s[-MANY:])
-        """Ends of up to ``MANY`` runs of earlier calls and of the runs so far, s, rising; ``next_check_s`` estimates
-        from them when a run ends."""
+        self.end_s, self.judged_s = np.empty(len(runs)), np.empty(len(runs))
 
-    def until_s(self, now_s: float) -> float:
-        """Return the time up to which the motion must be simulated before the next check, s.
+    def take(
+        self, some: NDArray[np.int64], timeline: Timeline, moved: Motion, seen: dict[Any, pl.DataFrame]
+    ) -> Array:
+        """Replay runs, write their outcomes, and return up to when their motion is needed, s, (runs,).
 
-        ``now_s`` is the time up to which it has been simulated. The result is at most ``now_s`` once the outcome of the
-        run is final: all robots have decided, their decisions cannot change or the run ends with them, and the motion
-        has reached the end of the run. At the start (``now_s`` 0) the decisions of the closed loop are not read:
-        ``ClosedLoop.begin`` leaves those of the run before, until the first replay of the new run.
+        Args:
+            some: indices of the runs. timeline, moved: their motion. seen: observations by what they depend on.
         """
-        if now_s > 0.0:
-            decided_s = self.final_s
-            if decided_s is not None:
-                # one tick more, so that the samples taken at the very end are included
-                return min(end_s(decided_s, self.t_end_s) + self.tick_s, self.t_end_s)
-        return min(self.next_check_s(now_s), self.t_end_s)
+        scenario, seed, tick_s, t_end_s = (
+            self.scenario,
+            self.seed,
+            self.scenario.tick_s,
+            self.scenario.run.t_end_s,
+        )
+        reads = reads_energies(scenario)
+        key = (reads, *(getattr(scenario, section) for section in OF_OBSERVATION))
+        if key not in seen:
+            seen[key] = observe(scenario, seed, moved.samples, self.floors, energies=reads)
+        rows = timeline.rows.robot.size
+        replayer = Replayer(scenario, seed, runs=some.size, longest=timeline.longest, rows=rows)
+        agents, shape = replayer.swarm.agents, (some.size, -1)
 
-    @property
-    def final_s(self) -> float | None:
-        """Time of the last decision that counts, s; None while decisions are missing or may change."""
-        if not self.may_change:
-            return self.loop.all_decided_s
-        return self.loop.first_all_decided_s if self.stops_early else None
+        def replay(limits_s: Array) -> None:
+            advance(replayer, scenario, seed, timeline, *classes_and_values(seen[key]), limits_s)
 
-    def next_check_s(self, now_s: float) -> float:
-        """Choose when to check next whether all robots have decided, s; no result depends on the choice.
+        def decisions() -> tuple[NDArray[np.int64], Array]:
+            return agents["decision"].reshape(shape).copy(), agents["decided_s"].reshape(shape).copy()
 
-        Frequent checks cost time, and rare checks simulate motion after the end of the run. The remaining time m of
-        this run is estimated by the mean of recent runs that ended more than a tick after ``now_s``. If the end is
-        equally likely at any time, checking every sqrt(2 m ``MARGIN_S``) minimises the sum of both costs. But the next
-        check is not before the earliest end of these recent runs. If there are none, the next check is ``PIECE_S`` from
-        now.
-        """
-        longer = self.ends_s[bisect_right(self.ends_s, now_s + self.tick_s) :]
-        if not longer:
-            return now_s + PIECE_S
-        remaining_s = sum(longer) / len(longer) - now_s
-        step_s = math.sqrt(2.0 * MARGIN_S * remaining_s)
-        # ``math.inf``: the caller limits the time to T_end
-        return max(end_s(longer[0], t_end_s=math.inf) + self.tick_s, now_s + step_s)
+        replay(np.full(some.size, np.inf))
+        decision, time_s = decisions()
+        has_decided = decision != -1
+        all_s = np.where(has_decided, time_s, np.inf).max(axis=1)
+        first_s = np.where(has_decided, agents["first_decided_s"].reshape(shape), np.inf).max(axis=1)
+        may_change, stops_early = (
+            self.strategy.revises and scenario.decision.revise,
+            scenario.run.stop == "all_decided",
+        )
+        ends_s = np.array(
+            [end_s(s, t_end_s) for s in (first_s if may_change and stops_early else all_s).tolist()]
+        )
+        judged_s = np.minimum(first_s + tick_s, t_end_s) if stops_early else np.full(some.size, t_end_s)
+        if may_change and stops_early:  # up to here, and no later
+            replay(judged_s)
+            decision, time_s = decisions()
+        replay(ends_s)
+        self.decision[some], self.decision_time_s[some] = decision, time_s
+        self.estimate[some], self.sent[some] = (
+            self._estimates(replayer).reshape(shape),
+            agents["sent"].reshape(shape),
+        )
+        self.end_s[some], self.judged_s[some] = ends_s, judged_s
+        if may_change and not stops_early:
+            return np.full(some.size, t_end_s)
+        needed_s: Array = np.minimum(np.maximum(ends_s, judged_s if stops_early else 0.0) + tick_s, t_end_s)
+        return needed_s
 
-    def finish(self, r: int) -> None:
-        """Store the outcome of the run that the closed loop has just simulated, at index ``r`` of the arrays."""
-        loop, first_s = self.loop, self.loop.first_all_decided_s if self.stops_early else None
-        decided_s = first_s if self.may_change and first_s is not None else loop.all_decided_s
-        self.end_s[r] = end_s(np.inf if decided_s is None else decided_s, self.t_end_s)
-        # Read before the rewind. A decision by opinions has the time since which the opinions agree, but is only made
-        # when they have agreed for ``decision.hold_s``, possibly after ``end_s``: the rewind would undo it.
-        self.decision[r], self.decision_time_s[r] = loop.decision, loop.decision_time_s
-        loop.rewind_to(float(self.end_s[r]))  # the motion may have been simulated beyond the end of the run
-        self.estimate[r], self.sent[r] = loop.estimate, loop.replayer.swarm.agents["sent"]
-        if first_s is not None:
-            self.judged_s[r] = min(first_s + self.tick_s, self.t_end_s)
-            if self.may_change:  # up to here, and no later
-                loop.rewind_to(float(self.judged_s[r]))
-                self.decision[r], self.decision_time_s[r] = loop.decision, loop.decision_time_s
-        insort(self.ends_s, float(self.end_s[r]))
-        self.loop.ends_s.append(float(self.end_s[r]))  # for later calls that take this loop out of the cache
+    def _estimates(self, replayer: Replayer) -> Array:
+        """Return each robot's estimate, as in tables, (runs * robots,); nan if the strategy has none."""
+        if self.strategy.has_own_estimate:
+            return np.array(replayer.swarm.states["estimate"])
+        return estimate_of(*posterior_of(self.scenario, replayer.swarm, self.strategy))
 
     def outcomes(self) -> Outcomes:
         """Return the outcomes of all runs, once they are finished."""
@@ -389,7 +348,7 @@ class _ScenarioRuns:
             end_s=self.end_s,
             fill_ratio=fills,
             truth=truth,
-            tiles=self.tiles,
+            tiles=self.floors[self.runs[0]].tiles.size,
             t_end_s=self.scenario.run.t_end_s,
             strategy=self.scenario.strategy.name,
             costs=costs_of(self.scenario),

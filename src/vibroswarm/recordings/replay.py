@@ -1,7 +1,7 @@
 """Replay strategies on the observations of a recording.
 
 Energies are those of the recording; a bit is E > theta_E with the requested threshold. Between two samples a robot
-receives as many messages as its log counts (``replay_from_counts``). Which messages it received is not logged and is
+receives as many messages as its log counts (``inference.heard``). Which messages it received is not logged and is
 drawn at random, so a replay consists of many draws. A sample whose row was lost is restored: between its neighbours in
 time, at the robot's position, with an energy drawn from those that were read in the session on tiles of the same kind.
 Motion is that of the recording, in which robots continued to sample after deciding.
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
@@ -26,20 +27,19 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.answers_over_time import ANSWERS, answers_table
 from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.core.arrays import Bools, Floats
-from vibroswarm.core.jit import zero_rows
+from vibroswarm.core.jit import read_only, zero_rows
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniform
-from vibroswarm.errors import CodeError, InputError, check_kind, nearest, whole_number_of
-from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_of
-from vibroswarm.inference.code_errors import translate_errors
+from vibroswarm.errors import InputError, check_kind, nearest, whole_number_of
+from vibroswarm.inference.agents import FINALS, final_frame
 from vibroswarm.inference.deliveries import timeline_of
-from vibroswarm.inference.generated_kernels import kernels
+from vibroswarm.inference.heard import RECORDED, Session, draw_heard
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, outcome_tables
 from vibroswarm.inference.replay import infer
-from vibroswarm.inference.replay_arrays import DONE, ERROR_TEXT, HeardMessages, Log, Session, empty_log
-from vibroswarm.inference.replayer import counts_only
+from vibroswarm.inference.replay_arrays import NO_ESTIMATES, Log, Readings, Stops, empty_log
+from vibroswarm.inference.replay_arrays import Rows as SampleRows
+from vibroswarm.inference.replayer import NO_VALUES, Replayer, counts_only
 from vibroswarm.motion.pose import pose
 from vibroswarm.motion.source import Motion
-from vibroswarm.networks import network as network_of
 from vibroswarm.observation.energy_model import model_of, readings_of
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.recordings.assemble_recording import inside
@@ -281,30 +281,42 @@ def _replay_once(
     Returns: the final state of each robot, a table; the number of received messages in the log that no robot can have
         sent at that time; and the messages and the states of the robots after each sample, in the order of ``rows``.
     """
-    energy = rows.energy
+    energy, session = rows.energy, rows.session
     if np.isnan(energy).any():
         energy = _drawn(rows, run, seed)
-    session = rows.session._replace(observation=(energy > scenario.sensor.rms_threshold).astype(np.uint8))
-    count, strategy = energy.size, strategy_of(scenario.strategy.name)
-    # The network is not used, since received messages are drawn; kernels and states need one.
-    network = network_of("ideal")
-    swarm, log = empty_swarm(strategy, network, scenario, runs=1), empty_log(count, strategy.state_type)
-    messages, robots = zero_rows(count, strategy.message_type), scenario.swarm.robots
-    heard_messages = HeardMessages(
-        heard=np.zeros((robots, count), np.uint8),
-        leftover_from=np.zeros(robots, np.int64),
-        new_from=np.zeros(robots, np.int64),
-    )
-    module = kernels(strategy, network, "replay_from_counts")
-    # A robot may hold no more readings than the session has (``count``); that sets the size of its table of beliefs.
-    world = world_of(scenario, count)
-    with translate_errors(strategy, network):  # fills swarm, messages and log
-        status, missing = module.replay_from_counts(
-            session, swarm, messages, heard_messages, log, world, SLACK_S, seed, run
-        )
-    if status != DONE:
-        raise CodeError(f"strategy '{strategy.name}': {ERROR_TEXT[status]}")
-    return final_frame(scenario, rows.ends, swarm), int(missing), messages, log
+    count, robots, strategy = energy.size, scenario.swarm.robots, strategy_of(scenario.strategy.name)
+    read_at = np.full((count, robots), -1, dtype=np.int64)
+    unsent = draw_heard(session, read_at, np.zeros((robots, 2), dtype=np.int64), SLACK_S, seed, run)
+    messages, log = zero_rows(count, strategy.message_type), empty_log(count, strategy.state_type)
+    ticks = read_only(3 * np.arange(count) + 3)
+    replayer = Replayer(
+        scenario, seed, runs=1, longest=count, rows=count, messages=messages, log=log,
+        network=RECORDED, network_params=SimpleNamespace(read_at=read_at.ravel()),
+    )  # fmt: skip
+    replayer.advance(
+        SampleRows(
+            bounds=read_only(np.array([0, count])),
+            runs=read_only(np.array([run])),
+            robot=read_only(session.robot.astype(np.uint16)),
+            sample=read_only(session.sample.astype(np.uint32)),
+            time_s=read_only(session.time_s),
+        ),
+        Readings(
+            observation=read_only((energy > scenario.sensor.rms_threshold).astype(np.uint8)),
+            x_m=NO_VALUES, y_m=NO_VALUES, heading_rad=NO_VALUES, uniforms=NO_VALUES, estimates=NO_ESTIMATES,
+            weighed=NO_VALUES.reshape(0, 2),
+        ),
+        Stops(
+            tick=ticks,
+            stop_tick=ticks,
+            following=read_only(np.empty(0, dtype=np.int32)),
+            first=read_only(np.empty(0, dtype=np.int32)),
+            walked_tick=read_only(np.zeros(robots, dtype=np.int64)),
+            known_tick=read_only(np.zeros(1, dtype=np.int64)),
+        ),
+        from_start=True,
+    )  # fmt: skip
+    return final_frame(scenario, rows.ends, replayer.swarm), unsent, messages, log
 
 
 def _drawn(rows: _Rows, run: int, seed: int) -> Floats:

@@ -25,11 +25,11 @@ from typing import Any, Final, NamedTuple, TypeVar
 from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.core.registry import Named, Registry, other_name
 from vibroswarm.core.untrusted_files import read_text
+from vibroswarm.core.user_code import TEXT
 from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown
 from vibroswarm.networks import Network
 from vibroswarm.sensors import SensorModel
 from vibroswarm.strategies import Strategy
-from vibroswarm.strategies.static_analysis import TEXT
 from vibroswarm.tasks import Task
 
 T = TypeVar("T", bound=Named)

@@ -43,18 +43,15 @@ Samples are read by ``measure``; robots that know their sensor go by the rates o
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from vibroswarm.core.compiled_code import UnknownValueError, compiled_text
 from vibroswarm.core.jit import read_only
 from vibroswarm.core.registry import Registry
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniforms
@@ -63,7 +60,7 @@ from vibroswarm.errors import CodeError, InputError, shown
 from vibroswarm.floors.patches import mixed
 from vibroswarm.floors.place import Place
 from vibroswarm.strategies.base import Plugin
-from vibroswarm.strategies.static_analysis import is_shipped, refuse_chance
+from vibroswarm.strategies.static_analysis import refuse_chance
 
 if TYPE_CHECKING:
     from vibroswarm.robot.sensing import SenseProgram
@@ -88,8 +85,6 @@ REFERENCE_SAMPLES: Final = 250
 REFERENCE_SEED: Final = SEED_LIMIT - 1
 FIRST_REFERENCE_RUN: Final = 2**31
 """Seed and number of the first of these floors, which no simulation has."""
-_new_hash: Final = itertools.count()
-"""Hashes of sensors whose functions read values whose changes cannot be detected."""
 
 
 class Samples(NamedTuple):
@@ -186,16 +181,9 @@ class SensorModel(Plugin):
         refuse_chance((self.measure, self.reading, self.class_of, self.likelihood), "use u, of measure")
 
     def __hash__(self) -> int:
-        """Hash the sensor with all that its functions read: its laws are cached, and a session may change a global."""
+        """Hash the sensor with its functions: its laws are cached."""
         functions = [one for one in vars(self).values() if callable(one) and not isinstance(one, type)]
-        if self.code or is_shipped(*functions):
-            return hash((self.name, self.code, *functions))
-        try:
-            if not all(isinstance(one, FunctionType) for one in functions):  # such as functools.partial
-                raise UnknownValueError
-            return hash((self.name, *map(compiled_text, functions)))
-        except UnknownValueError:  # then no cache may find it again
-            return next(_new_hash)
+        return hash((self.name, self.code, *functions))
 
     def number_of(self, what: Literal["kinds", "readings"], p: BaseModel) -> int:
         """Return the number of kinds of tile, or of classes of readings.

@@ -22,7 +22,7 @@ from itertools import chain
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
 
-from vibroswarm.core.compiled_code import is_known
+from vibroswarm.core.user_code import TEXT, is_known
 from vibroswarm.errors import InputError, nearest, shown
 
 if TYPE_CHECKING:
@@ -69,8 +69,6 @@ UNUSED: Final = "unused"
 """The field of a row that has no fields."""
 READ_ONLY: Final = ("m", "x", "p", "w")
 """Arguments that a hook must not change; other robots and calls are given the same. (``opposite`` changes its own.)"""
-TEXT: Final = "__text__"
-"""Global variable of the module of a user's file that was loaded by name: its text. Several files may have its name."""
 CHANCE: Final = ("random", "secrets", "uuid")
 """Modules whose random numbers a seed of the simulation does not determine."""
 

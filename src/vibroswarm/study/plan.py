@@ -5,9 +5,7 @@ samples are observed once for each floor and sensor, and each strategy is replay
 only in ``run.t_end_s``, the longest motion is simulated, and the other cells use its beginning.
 
 If the runs of a cell end when all robots have decided, or if its strategy steers, the motion depends on the decisions.
-Such a cell shares its motion only with cells that have an equal scenario. A cell with user code (strategy, network or
-task) shares its motion only with cells that use the same code, so that no batch of other cells is lost if this code
-fails.
+Such a cell shares its motion only with cells that have an equal scenario.
 
 The runs of a group are divided into blocks whose bounds do not depend on the number of runs: small ones first, so that
 a short study keeps all workers busy, then larger ones, so that a long study has few files. A batch is a block, or the
@@ -192,8 +190,6 @@ def plan_of(study: Study) -> Plan:
         motion = _motion_key(cell.scenario)
         if cell.scenario.run.stop == "all_decided" or steers(cell.scenario):
             motion = scenario_hash  # shared by equal scenarios only, since decisions change the motion
-        elif codes := cell.scenario.codes:
-            motion = "\n".join([motion, *codes])  # if this code fails, no batch of other cells is lost
         observed = motions.setdefault(motion, {}).setdefault(_key(cell.scenario, OF_OBSERVATION), {})
         observed.setdefault(scenario_hash, []).append(cell)
     groups, is_slow = [], robot_s_of(study.motion) > ROBOT_S

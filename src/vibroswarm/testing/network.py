@@ -26,7 +26,6 @@ from vibroswarm.testing.runs import (
     Pieces,
     equals_plain,
     in_each,
-    in_pieces,
     run_checks,
     same_again,
     same_elsewhere,
@@ -178,6 +177,5 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "every message is received, lost or not due": in_each(_scenarios, _none_vanishes),
     "nothing is heard before it is sent": in_each(_scenarios, _none_too_early),
     "compiled as in plain Python": in_each(_scenarios, equals_plain),
-    "in pieces as in one": in_each(_scenarios, in_pieces),
 }
 """All checks of a network, in order, by what each requires."""

@@ -26,7 +26,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.compiled_types import as_compiled, new_row
 from vibroswarm.core.rng import Purpose
 from vibroswarm.errors import InputError, shown
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
@@ -152,11 +151,9 @@ class _Plain:
         self.params = SimpleNamespace(**scenario.strategy.params.model_dump())
         self.network = network_of(scenario.network.name)
         self.network_params = SimpleNamespace(**scenario.network.params.model_dump())
-        self.network_state, self.too_early = new_row(self.network.state_type), list[TooEarly]()
+        self.network_state, self.too_early = _new_row(self.network.state_type), list[TooEarly]()
         network_arrays = self.network.arrays_of(scenario.network.params, sizes_of(scenario))
-        self.network_arrays = SimpleNamespace(
-            **{name: as_compiled(array) for name, array in network_arrays.items()}
-        )
+        self.network_arrays = SimpleNamespace(**network_arrays)
         self.tick_ms = scenario.run.control_period_ms
         self.end = self.tick(float(ends["end_s"].to_numpy().max()))
         # ``sample_at`` gives the row in ``samples`` of the sample that a robot takes at a tick, by (robot, tick).
@@ -220,11 +217,9 @@ class _Plain:
         """Return robot ``i`` at tick 0: with zeroed state and arrays, changed by the strategy's ``begin``."""
         sizes = sizes_of(self.scenario)
         declared = arrays_of(self.strategy.arrays)
-        values = {
-            name: as_compiled(np.zeros(array.size(sizes), array.kind)) for name, array in declared.items()
-        }
+        values = {name: np.zeros(array.size(sizes), array.kind) for name, array in declared.items()}
         arrays = namedtuple("arrays", values)(**values)  # hooks read arrays by name: a.odds
-        robot = PlainRobot(i, world, new_row(self.strategy.state_type), arrays)
+        robot = PlainRobot(i, world, _new_row(self.strategy.state_type), arrays)
         draws = self.draws(i, Purpose.BEGINNING, 0)
         self.strategy.begin(robot.state, arrays, draws, self.params, world)
         return robot
@@ -337,7 +332,7 @@ class _Plain:
         # 1e-9 is for rounding. With next_s = nan or inf the comparison is false, so the timer is never due.
         if self.strategy.on_timer is None or not robot.state.next_s * 1000.0 / self.tick_ms - 1e-9 <= tick:
             return []
-        out = new_row(self.strategy.message_type)
+        out = _new_row(self.strategy.message_type)
         draws = self.draws(robot.number, Purpose.TIMER, robot.timers)
         time_s = tick * self.tick_ms / 1000.0
         sends = self.strategy.on_timer(
@@ -378,7 +373,7 @@ class _Plain:
         """
         k = self.sample_at[robot.number, tick]
         row, number = self.samples.row(k, named=True), robot.samples
-        out = new_row(self.strategy.message_type)
+        out = _new_row(self.strategy.message_type)
         draws = self.draws(robot.number, Purpose.MESSAGE, number)
         x: Any = Reading(
             reading=self.observation[k], t_s=row["time_s"], number=number,
@@ -454,6 +449,11 @@ class _Plain:
                 continue
             robot.decision, robot.decided_s = robot.opinion, self.agreed_since * self.tick_ms / 1000.0
             robot.belief_at_decision = robot.belief
+
+
+def _new_row(kind: np.dtype[np.void]) -> Any:
+    """Return a row of zeros, with its fields as attributes."""
+    return np.zeros(1, kind).view(np.recarray)[0]
 
 
 def is_true(hook: str, value: object) -> bool:

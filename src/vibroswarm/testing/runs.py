@@ -16,13 +16,8 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.inference.closed_loop import ClosedLoop, advance_loops
-from vibroswarm.inference.motion_feedback import steer_on, steerable
 from vibroswarm.inference.reports import array_at_end
-from vibroswarm.motion.source import source
-from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
@@ -254,42 +249,3 @@ def _reports_differ(result: Result, plain: PlainRun) -> Iterator[str]:
             )
         if not _equal_numbers(reported["value"], expected):
             yield f"report {name}"
-
-
-def in_pieces(scenario: Scenario) -> Iterator[str]:
-    """Check that a closed loop gives the same in pieces of 7 s as in one piece, and decides as ``simulate`` does."""
-    result = simulate(scenario, SEED, 1)
-    floors = {0: result.floor(0)}  # by run; only run 0 is simulated
-    (ground,) = sensed_floors(scenario, SEED, [0], floors)
-    snapshots = []  # for each length of pieces: robots, and states of their strategies, at the end
-    for piece_s in (scenario.run.t_end_s, 7.0):
-        loop = ClosedLoop(scenario, SEED)
-        loop.begin(0, ground)
-        follow(loop, piece_s)
-        snapshots.append((loop.replayer.swarm.agents.copy(), loop.replayer.swarm.states.copy()))
-    if not all(_is_equal(whole, in_parts) for whole, in_parts in zip(*snapshots, strict=True)):
-        yield "results differ between pieces and a whole run"
-    agents, _ = snapshots[0]  # of the loop in one piece
-    if agents["decision"].tolist() != result.robots["decision"].to_list():
-        yield "decisions differ between closed loop and tables"
-
-
-def _is_equal(one: Any, other: Any) -> bool:
-    """Return whether two structured arrays are equal in all fields; nan equals nan."""
-    return all(np.array_equal(one[n], other[n], equal_nan=one[n].dtype.kind == "f") for n in one.dtype.names)
-
-
-def follow(loop: ClosedLoop, piece_s: float) -> None:
-    """Simulate the motion of run 0 in pieces of ``piece_s``, and replay each in a closed loop, to the run's end.
-
-    Args:
-        loop: begun; if its strategy steers, a piece ends with the next samples at the latest.
-    """
-    state = source(MOTION).init(loop.scenario, SEED, 0, False, loop.needs_moves)
-    end_s = loop.scenario.run.t_end_s
-    while not reached(state.time_s, end_s, loop.tick_ms):
-        until_s = min(state.time_s + piece_s, end_s)
-        if loop.steers:
-            steer_on(steerable(state, MOTION), loop, until_s)
-        else:
-            advance_loops(state, [loop], until_s)

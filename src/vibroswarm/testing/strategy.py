@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any, Final
 
 from vibroswarm.errors import CodeError
-from vibroswarm.inference import replayer
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import strategy as strategy_of
@@ -23,7 +22,6 @@ from vibroswarm.testing.runs import (
     Pieces,
     equals_plain,
     in_each,
-    in_pieces,
     run_checks,
     same_again,
     same_elsewhere,
@@ -92,25 +90,6 @@ def _runs(scenario: Scenario) -> Iterator[str]:
         yield "a belief is outside of 0 to 1"
 
 
-def _counts_equal_messages(scenario: Scenario) -> Iterator[str]:
-    """Check that ``on_counts`` gives the same result for many messages at once as for one message at a time.
-
-    The replayer counts messages where its function ``counts_only`` allows it; the check replaces that function to
-    forbid it, and puts it back.
-    """
-    if strategy_of(scenario.strategy.name).on_counts is None:
-        return
-    counts_only = replayer.counts_only
-    counted = simulate(scenario, SEED, 2)
-    try:
-        replayer.counts_only = lambda strategy: False
-        by_message = simulate(scenario, SEED, 2)
-    finally:
-        replayer.counts_only = counts_only
-    if not counted.same_tables(by_message):
-        yield "on_counts differs for many messages at once and for one at a time"
-
-
 def _no_reading(name: str) -> Iterator[str]:
     """Check, in plain Python, that a class beyond the last kind of tile does no harm: compiled, it may spoil memory."""
     if not strategy_of(name).many_readings:
@@ -138,8 +117,6 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "the same again, alone or beside others": in_each(_scenarios, same_again),
     "the same in another process": partial(same_elsewhere, "strategy", _pieces),
     "compiled as in plain Python": in_each(_scenarios, equals_plain),
-    "in pieces as in one": in_each(_scenarios, in_pieces),
-    "counts as messages one by one": in_each(_scenarios, _counts_equal_messages),
     "it accepts a class that is not a kind": _no_reading,
     "it decides": _decides,
 }

@@ -1,8 +1,7 @@
-"""Runs that are followed as they move come to the same outcomes as their tables, and move no further than they must."""
+"""Searches come to the same outcomes as tables, and move runs no further than most need."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,13 +15,13 @@ from polars.testing import assert_frame_equal
 
 from helpers.drawn_scenarios import Draw, draws
 from helpers.result_outcomes import assert_same_outcomes, from_result
-from vibroswarm.inference.closed_loop import ClosedLoop
+from vibroswarm.inference.motion_feedback import motion_until
 from vibroswarm.motion import source as motion_source
 from vibroswarm.motion.event.event_run import EVENT, EventRun
 from vibroswarm.motion.source import Source, source
 from vibroswarm.optimize import outcomes as simulated
 from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.outcomes import PIECE_S, Outcomes, outcomes_of
+from vibroswarm.optimize.outcomes import Outcomes, outcomes_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
@@ -48,13 +47,11 @@ def by_tables(scenario: Scenario, seed: int, runs: list[int], motion: str = "eve
     database=None,
 )
 @given(draws, st.integers(0, 2**63 - 1), st.integers(0, 2**32 - 2))
-def test_followed_equals_tables(draw: Draw, seed: int, run: int) -> None:
+def test_outcomes_equal_tables(draw: Draw, seed: int, run: int) -> None:
     scenario = replace(draw, stop="t_end").scenario()
     by_tables_ = by_tables(scenario, seed, [run, run + 1])
     (found,) = outcomes_of([scenario], seed, [run, run + 1])
     assert_same_outcomes(found, by_tables_)
-    for found in outcomes_of([scenario, scenario], seed, [run, run + 1]):  # not by the kernel for one alone
-        assert_same_outcomes(found, by_tables_)
 
 
 @pytest.mark.parametrize("name", ["paper", "paper-empirical", "text", "calibrated"])
@@ -128,10 +125,8 @@ def test_a_run_that_ends_at_once_is_not_the_one_before(t_end_s: float, together:
         assert (found.estimate == 0.5).all()
 
 
-def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sample_at_the_very_end_counts() -> None:
     """A run ends at a look, and what is sampled at that very period is in the estimate."""
-    for name in ("PIECE_S", "MARGIN_S"):
-        monkeypatch.setattr(simulated, name, 1.0)  # so that no run is moved beyond its end already
     scenario = Draw(strategy="none", robots=12).scenario()
     runs = list(range(150))
     result = simulate(scenario, 1, runs, energies=False)
@@ -140,29 +135,6 @@ def test_a_sample_at_the_very_end_counts(monkeypatch: pytest.MonkeyPatch) -> Non
     ends = np.repeat(found.end_s, result.motion.group_by("run", maintain_order=True).len()["len"].to_numpy())
     at_the_end = (result.motion["time_s"].to_numpy() == ends) & (ends < 150.0)
     assert at_the_end.sum() > 3
-
-
-@pytest.mark.parametrize("strategy", ["none", "soft"])
-@pytest.mark.parametrize(("piece_s", "margin_s"), [(0.5, 0.5), (7.3, 1.0), (1000.0, 500.0)])
-def test_where_one_looks_does_not_matter(
-    monkeypatch: pytest.MonkeyPatch, strategy: str, piece_s: float, margin_s: float
-) -> None:
-    scenario, runs = Draw(strategy=strategy, loss=0.1).scenario(), list(range(12))
-    (usual,) = outcomes_of([scenario], 6, runs)
-    monkeypatch.setattr(simulated, "PIECE_S", piece_s)
-    monkeypatch.setattr(simulated, "MARGIN_S", margin_s)
-    monkeypatch.setattr(simulated, "_cache", threading.local())
-    (found,) = outcomes_of([scenario], 6, runs)
-    assert_same_outcomes(found, usual)
-
-
-def test_the_closed_loops_used_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All of a search's few cells; where one is not found, its buffers are made again for each of its pieces."""
-    monkeypatch.setattr(simulated, "_cache", threading.local())
-    loops = [ClosedLoop(Draw(strategy="none").scenario(), seed) for seed in range(simulated.KEPT + 2)]
-    for loop in loops:
-        simulated._put_back(loop)
-    assert [loop.seed for loop in vars(simulated._cache)["loops"]] == [2, 3, 4, 5]
 
 
 def test_where_a_run_stops_does_not_matter() -> None:
@@ -175,7 +147,7 @@ def test_where_a_run_stops_does_not_matter() -> None:
 
 @pytest.mark.parametrize("engine", ["event", "fixed-step"])
 def test_a_run_that_ends_with_the_last_decision_is_one_whole(engine: str) -> None:
-    """Made of pieces, its tables are those of a run that is moved to its end at once."""
+    """Its tables are those of a run that is moved to that end."""
     scenario = preset("paper").with_values({"run.stop": "all_decided", "run.t_end_s": 700.0})
     result = simulate(scenario, 3, [0, 2], motion=engine, segments=True, moves=True)
     for run in (0, 2):
@@ -188,31 +160,26 @@ def test_a_run_that_ends_with_the_last_decision_is_one_whole(engine: str) -> Non
             ("moves", "moves"),
         ):
             assert getattr(result, name).filter(run=run).equals(getattr(whole, table)), name
-        # There were several pieces; the first run's first one ended within moves, whose rows must not appear twice.
-        assert end_s > 200.0
-        assert whole.moves is not None
-        assert whole.moves.filter(start_s=100.0).height < scenario.swarm.robots
+        assert 200.0 < end_s < 700.0
 
 
-def test_runs_move_no_further_than_they_must(monkeypatch: pytest.MonkeyPatch) -> None:
-    reached: list[float] = []
-    finish = simulated._ScenarioRuns.finish
-
-    def then_note(course: Any, r: int) -> None:
-        reached.append(course.loop.rows.time_s[: course.loop.bounds[1]].max())
-        finish(course, r)
-
-    monkeypatch.setattr(simulated._ScenarioRuns, "finish", then_note)
-    monkeypatch.setattr(simulated._ScenarioRuns, "next_check_s", lambda course, now_s: now_s + PIECE_S)
+def test_how_far_runs_are_moved_first_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is what the last runs needed; the few that need more are moved once more, and more shortly than to the end."""
     scenario = preset("paper").with_values({"decision.min_observations": 100, "floor.source": "random:0.32"})
+    ends_s = []
+
+    def moved(*arguments: Any) -> Any:
+        ends_s.append(arguments[-1].tolist())
+        return motion_until(*arguments)
+
+    monkeypatch.setattr(simulated, "motion_until", moved)
+    simulated._needed_s.cache_clear()
+    (whole,) = outcomes_of([scenario], 3, range(20))
+    assert ends_s == [[1200.0] * 20]
     (found,) = outcomes_of([scenario], 3, range(20))
-    moved_s = np.array(reached)
-    decided_s = found.decision_time_s.max(axis=1)
-    early = (found.decision != -1).all(axis=1) & (decided_s < 1000.0)
-    assert early.sum() > 10
-    assert (moved_s[early] <= np.maximum(decided_s + PIECE_S, found.end_s)[early] + 0.03).all()
-    assert (moved_s[(found.decision == -1).any(axis=1)] > 1190.0).all()
-    assert (moved_s[early] < 1000.0).any()
+    assert_same_outcomes(found, whole)
+    assert ends_s[1][0] < 1200.0
+    assert ends_s[2] == [1200.0] * int((whole.end_s + 0.02 > ends_s[1][0]).sum())
 
 
 def test_robots_that_may_decide_otherwise_later_are_followed_to_the_end() -> None:
@@ -266,12 +233,12 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "strategies" / "voter.py"
 def test_timers_opinions_and_networks_that_remember(
     own_files: None, draw: Draw, network: str, seed: int
 ) -> None:
-    """What is no strategy or network of the package: message by message, in one and as it comes."""
+    """What is no strategy or network of the package: message by message."""
     drawn = replace(draw, stop="t_end", strategy="voter")
     scenario = drawn.scenario(decision__hold_s=4.0, strategy__voter__phase_s=9.0, network__name=network)
     by_tables_ = by_tables(scenario, seed, [3, 4])
-    for found in outcomes_of([scenario, scenario], seed, [3, 4]):
-        assert_same_outcomes(found, by_tables_)
+    (found,) = outcomes_of([scenario], seed, [3, 4])
+    assert_same_outcomes(found, by_tables_)
 
 
 @pytest.mark.parametrize("range_m", [0.0, 0.3, 1e9])
@@ -317,7 +284,6 @@ def test_a_range_where_runs_end_early_or_are_steered_or_share_motion(own_files: 
 def test_few_scenarios_are_in_memory_at_a_time_where_their_robots_have_large_arrays(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Values do not depend on it, and a thread caches no more closed loops than have room."""
     places = Draw(strategy="places").scenario(
         run__t_end_s=60.0, decision__min_observations=1, network__name="ideal"
     )
@@ -337,7 +303,6 @@ def test_few_scenarios_are_in_memory_at_a_time_where_their_robots_have_large_arr
     for one, other in zip(outcomes_of(cases, 3, [0, 1]), together, strict=True):
         assert_same_outcomes(one, other)
     assert sizes == [2, 2, 1]
-    assert len(simulated._cache.loops) == 2
 
 
 @pytest.fixture
@@ -357,7 +322,7 @@ def says_ones_only(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> 
 
 
 def test_a_message_is_zero_before_the_strategy_fills_it() -> None:
-    """In every run: runs that are followed share the memory of their messages."""
+    """In every run: runs share the memory of their messages."""
     register(replace(strategy_named("none"), name="ones_only", on_sample=says_ones_only))
     try:
         runs, none = [0, 1, 2, 3], Draw(strategy="none").scenario()
@@ -396,7 +361,7 @@ def of_tables() -> Iterator[str]:
 
 
 def test_robots_of_a_source_that_gives_tables_alone_do_as_those_of_the_engine(of_tables: str) -> None:
-    """They move, and runs end with the decisions: robots stand when a piece ends."""
+    """They move, and runs end with the decisions."""
     scenario = Draw(strategy="positive").scenario()
     (found,) = outcomes_of([scenario], 5, [1, 2], of_tables)
     assert_same_outcomes(found, by_tables(scenario, 5, [1, 2]))
