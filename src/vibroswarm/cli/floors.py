@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # imported when needed: --help stays fast
 
     from vibroswarm.floors.floor import Floor
 
-FLOOR = Option("pattern (diagonal:0.48), random:0.48, or file (text, CSV, coordinates, PNG)", "FLOOR")
+FLOOR = Option("pattern (diagonal:0.48), random:0.48, or file (text, CSV, coordinates, PNG, JPEG)", "FLOOR")
 Seed = Annotated[int | None, Option("seed of a random floor (default 0)")]
 
 
@@ -99,12 +99,9 @@ def make(
     """
     from vibroswarm.documents.floor import design_document
     from vibroswarm.floors.design import make_floor
-    from vibroswarm.floors.grid_text import parse_tiles
-    from vibroswarm.floors.io import check_new, write_tiles
+    from vibroswarm.floors.io import parse_tiles, write_tiles
 
     rows, columns = parse_tiles(tiles)
-    if out is not None:
-        check_new(out, replace=force)  # refuse the file before the work
     design = make_floor(rows, columns, fill_ratio, moran, entropy, seed)
     if out is not None:
         with named("--out", of="path"):
@@ -137,8 +134,7 @@ def _seed(seed: int | None, floors: Iterable[str]) -> int:
 def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: int) -> Floor:
     """Return the floor called ``floor`` of 1 m x 1 m; the seed selects a random one."""
     from vibroswarm.floors.floor import Floor
-    from vibroswarm.floors.grid_text import parse_tiles
-    from vibroswarm.floors.io import THRESHOLD, is_picture
+    from vibroswarm.floors.io import is_picture, parse_tiles
     from vibroswarm.floors.source import resolve, surface_of
 
     refuse(
@@ -147,9 +143,8 @@ def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: i
         f"applies to a picture, not to {shown(floor)}",
     )
     size = None if tiles is None else parse_tiles(tiles)
-    threshold = THRESHOLD if image_threshold is None else image_threshold
     with named("FLOOR", of="floor.source"):
-        grid, name = resolve(floor, size, seed, threshold=threshold)
+        grid, name = resolve(floor, size, seed, threshold=image_threshold)
         rows, columns = grid.shape
         surface = surface_of(floor, (rows, columns), (0.0, 0.0, 1.0, 1.0), seed)
     return replace(Floor.filling(grid, name=name), surface=surface)

@@ -327,7 +327,7 @@ def _floor_of(
     scenario: ScenarioOptions, size_m: tuple[float, float] | None
 ) -> Floor | tuple[int, int] | None:
     """Return the floor of --floor, which says what vibrates; the rows and columns of --tiles; or None."""
-    from vibroswarm.floors.grid_text import parse_tiles
+    from vibroswarm.floors.io import parse_tiles
 
     if scenario.floor is not None and size_m is not None:
         sized = [f"arena.width_m={size_m[0]!r}", f"arena.height_m={size_m[1]!r}"]

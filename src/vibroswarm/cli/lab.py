@@ -292,7 +292,7 @@ def spectrum(
       vibroswarm lab spectrum acceleration.csv --axis z --by tile --motors 90,140 --out spectrum
     """
     from vibroswarm.documents.spectrum import spectra_frame
-    from vibroswarm.floors.grid_text import parse_tiles
+    from vibroswarm.floors.io import parse_tiles
     from vibroswarm.recordings.spectrum import Group, spectra_of
 
     groups = tuple(part.strip() for part in by.split(",") if part.strip())

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 TABLES: Final = (".csv", ".parquet")
 """Suffixes of files that hold a table; a .csv file may also hold a floor."""
-FLOORS: Final = (".txt", ".png")
+FLOORS: Final = (".txt", ".png", ".jpg", ".jpeg")
 """Suffixes of files that hold a floor."""
 
 
@@ -51,7 +51,7 @@ def file_document(path: Path, draw: Callable[[NDArray[np.uint8]], str]) -> Docum
         tiles = read_tiles(path)
         return floor_document(Floor.filling(tiles, name=path.name), draw(tiles))
     raise InputError(
-        "is neither a folder nor a file that vibroswarm shows (.toml, .csv, .parquet, .txt, .png)",
+        "is neither a folder nor a file that vibroswarm shows (.toml, .csv, .parquet, .txt, .png, .jpg)",
         field=str(path),
     )
 

@@ -7,7 +7,7 @@ from .difficulty import entropy as entropy
 from .difficulty import measure as measure
 from .difficulty import moran_index as moran_index
 from .floor import Floor as Floor
-from .grid_text import parse_tiles as parse_tiles
+from .io import parse_tiles as parse_tiles
 from .io import read_tiles as read_tiles
 from .io import write_tiles as write_tiles
 from .source import is_random as is_random

@@ -1,11 +1,10 @@
-"""Floor files: text grids, CSV, lists of coordinates, PNG pictures; and floors drawn in the terminal.
+"""Floor files: text grids, CSV, lists of coordinates and pictures; and floors drawn in the terminal.
 
-The kind of a file is recognised by its content, not by its name. A file is data: whatever its bytes, reading
-gives tiles or an ``InputError``.
+The kind of a file is recognised by its content, not by its name.
 
-In pictures dark is still (0), bright is vibrating (1). Without a size every pixel is a tile. With a size the
-picture is divided into that many rows and columns. The mean brightness of each part is compared with a threshold, and
-a warning states how many parts were near it.
+In pictures (PNG, JPEG) dark is still (0), bright is vibrating (1). Without a size every pixel is a tile. With a size
+the picture is divided into that many rows and columns, and the mean brightness of each part is compared with a
+threshold. A warning states how many parts are near it.
 """
 
 from __future__ import annotations
@@ -13,86 +12,89 @@ from __future__ import annotations
 import io
 import math
 import re
-import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TextIO
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.atomic_io import whole_file
-from vibroswarm.core.numbers import percent, stated, whole
+from vibroswarm.core.numbers import percent, whole
 from vibroswarm.core.untrusted_files import read_bytes
-from vibroswarm.errors import InputError, check_flags, named, number_of, path_of, warn_once
-from vibroswarm.floors.floor import TILE_LIMIT, as_tiles, rows_of
-from vibroswarm.floors.grid_text import MAX_LINES, Size, read_text
+from vibroswarm.errors import InputError, named, number_of, path_of, warn_once
+from vibroswarm.floors.floor import TILE_LIMIT, as_tiles, check_size, rows_of
 from vibroswarm.floors.surfaces import steps_of
 
 if TYPE_CHECKING:
     from PIL import Image
 
+Size = tuple[int, int]
+"""Rows and columns of a floor."""
 
 FILE_LIMIT: Final = 64 * 2**20
 """Size limit of files, bytes."""
-
 SUFFIXES: Final = (".txt", ".csv", ".png")
 """Formats of ``write_tiles``."""
-
-_OTHER_PICTURES: Final = ((b"\xff\xd8\xff", "JPEG"), (b"GIF8", "GIF"), (b"BM", "BMP"), (b"%PDF", "PDF"))
-"""First bytes and names of kinds of pictures that are recognised, but not read."""
-
+PICTURES: Final = {"PNG": b"\x89PNG\r\n\x1a\n", "JPEG": b"\xff\xd8\xff"}
+"""Formats of pictures that are read, and the first bytes of their files."""
+BIT_DEPTH: Final = 24
+"""Place of the byte of a PNG file that states the bits of each channel."""
 
 THRESHOLD: Final = 0.5
 """Share of full brightness from which a tile of a picture vibrates, unless another is given."""
 NEAR: Final = 0.15
-"""A tile whose brightness differs from the threshold by less than this is near it, and counted in a warning."""
+"""A tile whose brightness differs from the threshold by less than this is counted in a warning."""
+CLEAR: Final = 0.9
+"""Two levels of a picture are clear if they explain this share of the variance of its pixels."""
+
+
+def parse_tiles(text: str, field: str = "--tiles") -> Size:
+    """Return the numbers of rows and columns that a ``text`` such as ``"5x5"`` states.
+
+    Args:
+        field: name of the option or argument that held the text, for messages.
+    Raises:
+        InputError: the text is not of this form, or the size is impossible.
+    """
+    match = re.fullmatch(r"\s*([0-9]{1,9})\s*[xX×]\s*([0-9]{1,9})\s*", text)
+    if match is None:
+        raise InputError(f"'{text}' is not a size; give rows x columns, for example 5x5", field=field)
+    rows, columns = int(match[1]), int(match[2])
+    with named(field):
+        check_size(rows, columns)
+    return rows, columns
 
 
 def read_tiles(
     path: Path | str,
     tiles: Size | None = None,
-    threshold: float = THRESHOLD,
+    threshold: float | None = None,
     *,
     most_pixels: int = TILE_LIMIT,
 ) -> NDArray[np.uint8]:
     """Read the floor in a file, uint8 of shape (rows, columns), top row first.
 
     Args:
-        path: a text grid, CSV, list of coordinates or PNG picture.
+        path: a text grid, CSV, list of coordinates, or PNG or JPEG picture.
         tiles: rows and columns of the floor. A list of coordinates cannot be read without them; a picture is divided
             into them; a grid must be of this size. None: not known; each pixel of a picture is then a tile.
         threshold: share of full brightness, above 0 and below 1, from which a tile of a picture vibrates; not used for
-            other files.
+            other files. None: ``THRESHOLD``; but a picture with two clear levels that are both above or both below it
+            is split halfway between them.
         most_pixels: a picture with more pixels is refused if ``tiles`` is None.
     Raises:
-        InputError: the file cannot be read or is not a floor (the message names the line or tile that is wrong, what it
-            holds, and what would be right), or ``threshold`` is out of range.
+        InputError: the file cannot be read or is not a floor, or ``threshold`` is out of range.
     """
-    data = read_bytes(path_of(path), FILE_LIMIT, "a floor")
-    name = str(path)
-    if not data:
-        raise InputError("is empty; a floor file has rows of 0 and 1", field=name)
-    if data.startswith(PNG):
-        return read_png(data, name, tiles, threshold, most_pixels)
-    for first, kind in _OTHER_PICTURES:
-        if data.startswith(first):
-            raise InputError(f"is a {kind} file; of pictures, only PNG can be read", field=name)
-    if b"\0" in data:
-        raise InputError("is a binary file; give rows of 0 and 1, or a PNG picture", field=name)
-    try:
-        text = data.decode("utf-8-sig")  # without a byte order mark
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"is not UTF-8 text (byte {error.start + 1}); give rows of 0 and 1, or a PNG picture",
-            field=name,
-        ) from None
-    return read_text(text, name, tiles)
+    data, name = read_bytes(path_of(path), FILE_LIMIT, "a floor"), str(path)
+    if _is_picture(data):
+        return _tiles_of_picture(_grey(data, name), name, tiles, threshold, most_pixels)
+    return _tiles_of_text(_decoded(data, name), name, tiles)
 
 
 def read_values(
     path: Path | str, size: Size | None = None, ends: tuple[float, float] = (0.0, 1.0)
 ) -> NDArray[np.float64]:
-    """Read a value for each tile, from 0 to 1: numbers of a text or CSV, or grey levels of a PNG picture.
+    """Read a value for each tile, from 0 to 1: numbers of a text or CSV, or grey levels of a picture.
 
     Args:
         size: rows and columns, into which a picture is divided; None: each pixel is a tile. Numbers must be of this
@@ -100,30 +102,11 @@ def read_values(
     Raises:
         InputError: the file cannot be read, or is not a rectangle of numbers between ``ends``.
     """
-    name = str(path)
-    data = read_bytes(Path(path), FILE_LIMIT, "a floor")
-    if data.startswith(PNG):
-        return brightness_of(data, name, size)
-    try:
-        lines = data.decode("utf-8-sig").splitlines()
-        rows = [
-            [float(cell) for cell in re.split(r"\s*[,;\t]\s*|\s+", line.strip())]
-            for line in lines
-            if line.strip() and not line.startswith("#")
-        ]
-        values = np.array(rows, dtype=np.float64)
-    except ValueError:  # other text, or rows of different lengths
-        raise InputError(
-            "is not a rectangle of numbers; give one row of tiles per line", field=name
-        ) from None
-    low, high = ends
-    if not low < high:
-        raise InputError(
-            f"{low:g}..{high:g} is not a range; give values:LOW..HIGH:{name}", field="floor.source"
-        )
-    # Other values are refused by ``steps_of``.
-    is_known = values.ndim == 2 and values.size > 0 and bool(np.isfinite(values).all())
-    if is_known and not (low <= values.min() and values.max() <= high):
+    data, name = read_bytes(Path(path), FILE_LIMIT, "a floor"), str(path)
+    if _is_picture(data):
+        return _brightness(_grey(data, name), size, name)
+    values, (low, high) = _numbers(_cells(_decoded(data, name)), name), ends
+    if not (low <= values.min() and values.max() <= high):
         raise InputError(
             f"holds numbers from {values.min():g} to {values.max():g}, beyond {low:g} to {high:g}; state a range that "
             f"holds them, as values:{math.floor(values.min())}..{math.ceil(values.max())}:{name}",
@@ -131,11 +114,192 @@ def read_values(
         )
     values = (values - low) / (high - low)
     steps_of(values, name)  # which checks it
-    if size is not None and values.shape != size:
-        raise InputError(
-            f"holds {values.shape[0]} x {values.shape[1]} tiles, not {size[0]} x {size[1]}", field=name
-        )
+    _check_shape(values, size, name)
     return values
+
+
+# Text
+
+
+def _decoded(data: bytes, name: str) -> str:
+    try:
+        return data.decode("utf-8-sig")  # without a byte order mark
+    except UnicodeDecodeError:
+        raise InputError("is not text; give rows of 0 and 1, or a PNG or JPEG picture", field=name) from None
+
+
+def _cells(text: str) -> list[list[str]]:
+    """Return the cells of each line that is neither empty nor a comment, cut at commas, semicolons, tabs or spaces."""
+    lines = (line.strip(" ") for line in text.splitlines())
+    return [re.split(r" *[,;\t] *| +", line) for line in lines if line.strip() and not line.startswith("#")]
+
+
+def _numbers(cells: list[list[str]], name: str) -> NDArray[np.float64]:
+    try:
+        numbers = np.array(cells, dtype=np.float64)
+    except ValueError:  # other text, or rows of different lengths
+        numbers = np.empty(0)
+    if numbers.size == 0 or not np.isfinite(numbers).all():
+        raise InputError("is not a rectangle of numbers; give one row of tiles per line", field=name)
+    return numbers
+
+
+def _check_shape(tiles: NDArray[Any], size: Size | None, name: str) -> None:
+    if size is not None and tiles.shape != size:
+        rows, columns = tiles.shape
+        raise InputError(f"holds {rows} x {columns} tiles, not {size[0]} x {size[1]}", field=name)
+
+
+def _tiles_of_text(text: str, name: str, size: Size | None) -> NDArray[np.uint8]:
+    """Return the tiles of a grid or of a list of coordinates.
+
+    A text with a line ``# -1`` is a list. Pairs of cells are a list unless they can be a grid of two columns, and
+    triples are one unless they are a grid of the known size.
+    """
+    cells, is_list = _cells(text), re.search(r"^# *-1 *$", text, re.MULTILINE) is not None
+    if is_list and not cells:
+        cells = [["0", "0", "0"]]  # no tile vibrates
+    is_separated = all(len(row) > 1 for row in cells)
+    numbers = _numbers(cells if any(len(row) > 1 for row in cells) else [list(row[0]) for row in cells], name)
+    fits = size is None or size == numbers.shape
+    if is_separated and numbers.shape[1] == 2:
+        is_list |= not fits or numbers.max() > 1
+    if is_separated and numbers.shape[1] == 3:
+        is_list |= not fits
+    if is_list:
+        return _tiles_of_list(numbers, name, size)
+    with named(name, of="floor"):
+        tiles = as_tiles(numbers)
+    _check_shape(tiles, size, name)
+    return tiles
+
+
+def _tiles_of_list(numbers: NDArray[np.float64], name: str, size: Size | None) -> NDArray[np.uint8]:
+    """Return the tiles of a list of (column, row) or (column, row, kind), counted from 0 at the top left."""
+    if size is None:
+        raise InputError("is a list of coordinates; add its size, for example --tiles 5x5", field=name)
+    columns, rows = numbers[:, :2].T.astype(np.int64)
+    inside = (columns >= 0) & (columns < size[1]) & (rows >= 0) & (rows < size[0])
+    if numbers.shape[1] not in (2, 3) or (numbers[:, :2] % 1).any() or not inside.all():
+        raise InputError(
+            f"a line is no column,row or column,row,kind of {size[0]} x {size[1]} tiles, from 0", field=name
+        )
+    tiles = np.zeros(size)
+    tiles[rows, columns] = numbers[:, 2] if numbers.shape[1] == 3 else 1
+    with named(name, of="floor"):
+        return as_tiles(tiles)
+
+
+# Pictures
+
+
+class _Grey(NamedTuple):
+    """The grey level of each pixel, integers of shape (height, width), and the level of white."""
+
+    levels: NDArray[Any]
+    white: int
+
+
+def is_picture(path: Path | str) -> bool:
+    """Return whether a file is a picture that can be read, by its first bytes; False if it cannot be opened."""
+    try:
+        with Path(path).open("rb") as file:
+            return _is_picture(file.read(16))
+    except (OSError, ValueError):  # ValueError: the name holds a NUL
+        return False
+
+
+def _is_picture(data: bytes) -> bool:
+    return data.startswith(tuple(PICTURES.values()))
+
+
+def check_threshold(threshold: float, field: str = "--image-threshold") -> None:
+    """Refuse a threshold of brightness that is not above 0 and below 1; ``field`` names it in the message."""
+    number_of(threshold, field, math.nextafter(0.0, 1.0), math.nextafter(1.0, 0.0))
+
+
+def _tiles_of_picture(
+    grey: _Grey, name: str, size: Size | None, threshold: float | None, most_pixels: int
+) -> NDArray[np.uint8]:
+    if size is None and grey.levels.size > most_pixels:
+        rows, columns = grey.levels.shape
+        raise InputError(
+            f"has {rows} x {columns} pixels, too many for one tile each (at most {most_pixels:,}); add --tiles "
+            "ROWSxCOLUMNS, into which the picture is divided",
+            field=name,
+        )
+    brightness, near = _brightness(grey, size, name), NEAR
+    if threshold is None:
+        threshold, levels = THRESHOLD, _clear_levels(grey)
+        if levels is not None and (levels[0] < threshold) == (levels[1] < threshold):
+            threshold, near = sum(levels) / 2.0, NEAR * (levels[1] - levels[0])
+            dark, bright = (percent(level, None) for level in levels)
+            warn_once(
+                f"{name}: its two levels, {dark} and {bright} of full brightness, are on one side of "
+                f"{percent(THRESHOLD, None)}; tiles are split between them"
+            )
+    check_threshold(threshold)
+    count = int((np.abs(brightness - threshold) < near).sum())
+    if count:
+        warn_once(
+            f"{name}: the brightness of {whole(count)} of {whole(brightness.size)} tiles is near the threshold, "
+            f"{percent(threshold, None, digits=4)}; 'vibroswarm floors show' draws the floor"
+        )
+    return (brightness >= threshold).astype(np.uint8)
+
+
+def _clear_levels(grey: _Grey) -> tuple[float, float] | None:
+    """Return the mean brightness of the dark and of the bright pixels if these two levels are clear, else None.
+
+    The pixels are divided where that explains most of the variance of their levels (Otsu, 1979).
+    """
+    levels, counts = np.unique(grey.levels / grey.white, return_counts=True)
+    if levels.size < 2:
+        return None
+    share = counts / grey.levels.size
+    dark, sums = np.cumsum(share)[:-1], np.cumsum(share * levels)
+    mean, sums = sums[-1], sums[:-1]
+    explained = (mean * dark - sums) ** 2 / (dark * (1.0 - dark))
+    best = int(explained.argmax())
+    if explained[best] < CLEAR * (share * (levels - mean) ** 2).sum():
+        return None
+    return float(sums[best] / dark[best]), float((mean - sums[best]) / (1.0 - dark[best]))
+
+
+def _grey(data: bytes, name: str) -> _Grey:
+    """Return the grey levels of a picture, turned as its EXIF data say."""
+    from PIL import Image, ImageOps
+
+    try:
+        with Image.open(io.BytesIO(data), formats=list(PICTURES)) as file:
+            picture: Image.Image = ImageOps.exif_transpose(file)
+        opacity = picture.convert("RGBA").getchannel("A") if picture.has_transparency_data else None
+    except Exception as error:  # Pillow raises many kinds of error on damaged pictures
+        raise InputError(f"cannot be read as a picture ({error})", field=name) from None
+    if opacity is not None and np.asarray(opacity).min() < 255:
+        raise InputError("has transparent pixels; give a picture without", field=name)
+    if picture.mode.startswith("I"):  # grey of 16 bits, which convert("L") would clip
+        return _Grey(np.asarray(picture), 65535)
+    if data.startswith(PICTURES["PNG"]) and data[BIT_DEPTH] == 16:
+        raise InputError("has colours of 16 bits; save it with 8", field=name)
+    return _Grey(np.asarray(picture.convert("L")), 255)
+
+
+def _brightness(grey: _Grey, size: Size | None, name: str) -> NDArray[np.float64]:
+    """Return the mean brightness of each part, as a share of white; borders are rounded down, sums are integers."""
+    height, width = grey.levels.shape
+    rows, columns = size or (height, width)
+    if rows > height or columns > width:
+        raise InputError(
+            f"has only {height} x {width} pixels for {rows} x {columns} tiles; give fewer tiles", field=name
+        )
+    tops, lefts = np.arange(rows) * height // rows, np.arange(columns) * width // columns
+    sums = np.add.reduceat(np.add.reduceat(grey.levels, tops, axis=0, dtype=np.int64), lefts, axis=1)
+    areas = np.outer(np.diff(np.append(tops, height)), np.diff(np.append(lefts, width)))
+    return np.asarray(sums / areas / grey.white)
+
+
+# Writing and drawing
 
 
 @named("path", of="--out")
@@ -147,22 +311,13 @@ def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = F
             tile, for two kinds). tiles: (rows, columns) of kinds. replace: whether an existing file may be replaced.
     Raises:
         InputError: ``tiles`` is not a rectangle of kinds; a picture would hold more than two kinds; the suffix is not
-            known; a .txt or .csv would have more rows than ``read_tiles`` accepts; ``path`` is a folder, or exists and
-            ``replace`` is false; or its folder cannot be written.
+            known; ``path`` is a folder, or exists and ``replace`` is false; or its folder cannot be written.
         RunError: the disk is full or failed.
     """
     path, grid = path_of(path), as_tiles(tiles)
-    check_flags(replace=replace)
     kind = check_suffix(path)
     if kind == ".png" and grid.max() > 1:
         raise InputError("a picture holds two kinds of tile; end the name with .csv", field="--out")
-    if kind != ".png" and grid.shape[0] > MAX_LINES:
-        raise InputError(
-            f"{grid.shape[0]:,} rows are too many for a {kind} file, which has at most {MAX_LINES:,}; end the name "
-            "with .png",
-            field="--out",
-        )
-    # part: a temporary file, which is renamed to ``path`` when it is complete
     with whole_file(path, replace=replace) as part:
         if kind == ".png":
             from PIL import Image
@@ -175,25 +330,6 @@ def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = F
             part.write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
-def check_new(path: Path | str, *, replace: bool = False) -> None:
-    """Refuse a path that ``write_tiles`` would refuse, before the work of making a floor begins.
-
-    Args:
-        path: the file to write. replace: whether an existing file may be replaced.
-    Raises:
-        InputError: the suffix is unknown; the file exists and ``replace`` is false; ``path`` is a folder, or its folder
-            does not exist.
-    """
-    path = Path(path)
-    check_suffix(path)
-    if path.is_dir():
-        raise InputError(f"'{path}' is a folder; give the name of a file", field="--out")
-    if path.exists() and not replace:
-        raise InputError(f"'{path}' exists already; choose another name or add --force", field="--out")
-    if not path.parent.is_dir():
-        raise InputError(f"there is no folder '{path.parent}' to write '{path.name}' into", field="--out")
-
-
 def check_suffix(path: Path, known: tuple[str, ...] = SUFFIXES) -> str:
     """Return the suffix of ``path`` in lower case.
 
@@ -202,176 +338,12 @@ def check_suffix(path: Path, known: tuple[str, ...] = SUFFIXES) -> str:
     """
     suffix = path.suffix.lower()
     if suffix not in known:
-        problem = (
-            f"the suffix '{path.suffix}' is not known" if path.suffix else f"'{path.name}' has no suffix"
-        )
-        raise InputError(
-            f"{problem}; end the name with {', '.join(known[:-1])} or {known[-1]}", field="--out"
-        )
+        raise InputError(f"'{path.name}' must end with {', '.join(known[:-1])} or {known[-1]}", field="--out")
     return suffix
 
 
-PNG: Final = b"\x89PNG\r\n\x1a\n"
-"""The first bytes of every PNG file."""
-
-PIXEL_LIMIT: Final = 64_000_000
-"""Maximum number of pixels of a picture."""
-WHITE: Final = 255
-"""Level of white in pictures of 8 bits."""
-
-
-def is_picture(path: Path | str) -> bool:
-    """Return whether a file is a PNG picture, by its first bytes; False if it cannot be read."""
-    try:
-        return Path(path).is_file() and read_bytes(Path(path), FILE_LIMIT, "a floor").startswith(PNG)
-    except (OSError, ValueError):  # InputError is a ValueError
-        return False
-
-
-def read_png(
-    data: bytes,
-    name: str,
-    size: Size | None = None,
-    threshold: float = THRESHOLD,
-    most_pixels: int = TILE_LIMIT,
-) -> NDArray[np.uint8]:
-    """Read the tiles of a PNG picture, uint8 of shape (rows, columns), top row first.
-
-    Args:
-        data: content of the file. name: name of the file, for messages.
-        size: rows and columns to divide the picture into; None: each pixel is a tile.
-        threshold: share of full brightness, above 0 and below 1, from which a tile vibrates. A warning states how many
-            tiles are near it.
-        most_pixels: a picture with more pixels is refused if ``size`` is None.
-    Raises:
-        InputError: the picture is incomplete, too large or transparent, or has fewer pixels than tiles; or
-            ``threshold`` is out of range.
-    """
-    check_threshold(threshold)
-    brightness = brightness_of(data, name, size, most_pixels)
-    near = int((np.abs(brightness - threshold) < NEAR).sum())
-    if near:
-        warn_once(
-            f"{name}: the brightness of {whole(near)} of {whole(brightness.size)} tiles is within "
-            f"{stated(100 * NEAR)} percentage "
-            f"points of the threshold, {percent(threshold, None, digits=4)}; 'vibroswarm floors show' draws the floor"
-        )
-    return (brightness >= threshold).astype(np.uint8)
-
-
-def brightness_of(
-    data: bytes, name: str, size: Size | None = None, most_pixels: int = TILE_LIMIT
-) -> NDArray[np.float64]:
-    """Return the mean brightness of each tile of a PNG picture, as a share of white, (rows, columns).
-
-    Arguments and errors are those of ``read_png``.
-    """
-    levels, full = _grey_levels(_picture(data, name), name)
-    if size is None:
-        if levels.size > most_pixels:
-            raise InputError(
-                f"has {levels.shape[0]} x {levels.shape[1]} pixels, too many for one tile each (at "
-                f"most {most_pixels:,}); add --tiles ROWSxCOLUMNS, into which the picture is divided",
-                field=name,
-            )
-        size = (levels.shape[0], levels.shape[1])
-    return np.asarray(_means(levels, size, name) / full)
-
-
-def check_threshold(threshold: float, field: str = "--image-threshold") -> None:
-    """Refuse a threshold of brightness that is not above 0 and below 1; ``field`` names it in the message."""
-    least = math.nextafter(0.0, 1.0)
-    number_of(threshold, field, least, math.nextafter(1.0, 0.0))
-
-
-def _picture(data: bytes, name: str) -> Image.Image:
-    """Return a PNG picture, decoded, and turned as its EXIF data say.
-
-    Raises:
-        InputError: the picture is incomplete or too large; ``name`` is the file's name in the message.
-    """
-    from PIL import Image, ImageOps
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of some broken or oversized pictures Pillow only warns
-            with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
-                picture.verify()  # checks the checksums, which decoding ignores; the picture cannot be used afterwards
-            with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
-                if picture.width * picture.height > PIXEL_LIMIT:
-                    raise InputError(
-                        f"has {picture.height} x {picture.width} pixels, which is too large; at most {PIXEL_LIMIT:,}",
-                        field=name,
-                    )
-                picture.load()
-    except InputError:
-        raise
-    # Pillow's own limit on pixels is above PIXEL_LIMIT.
-    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
-        raise InputError(f"is too large a picture; at most {PIXEL_LIMIT:,} pixels", field=name) from None
-    except Exception as error:  # Pillow raises many kinds of error on incomplete pictures
-        raise InputError(
-            f"is not a complete PNG picture ({error or type(error).__name__})", field=name
-        ) from None
-    try:
-        ImageOps.exif_transpose(picture, in_place=True)
-    except Exception as error:  # Pillow raises many kinds of error on broken EXIF data
-        raise InputError(
-            f"its EXIF data cannot be read ({error}); save the picture without them", field=name
-        ) from None
-    return picture
-
-
-def _grey_levels(picture: Image.Image, name: str) -> tuple[NDArray[Any], int]:
-    """Return the grey level of each pixel, integers of shape (height, width), and the level of white.
-
-    Raises:
-        InputError: the picture has transparent pixels; ``name`` is the file's name in the message.
-    """
-    # A grey PNG of 16 bits a pixel has the mode "I;16" (in older versions of Pillow "I"). convert("L") would clip its
-    # values at 255 instead of scaling them.
-    if picture.mode.startswith("I"):
-        levels = np.asarray(picture)
-        # Such a picture may name one grey level that is transparent.
-        if (levels == picture.info.get("transparency", -1)).any():
-            raise InputError("has transparent pixels; give a picture without", field=name)
-        return levels, 65535
-    if picture.has_transparency_data:
-        colours = picture.convert("RGBA")  # so that transparency stated in a palette is seen too
-        if np.asarray(colours.getchannel("A")).min() < 255:
-            raise InputError("has transparent pixels; give a picture without", field=name)
-        picture = colours
-    return np.asarray(picture.convert("L")), WHITE
-
-
-def _means(levels: NDArray[Any], size: Size, name: str) -> NDArray[np.float64]:
-    """Return the mean level of each part, (rows, columns); borders are rounded down, sums are integers.
-
-    Raises:
-        InputError: there are fewer pixels than parts; ``name`` is that of the picture.
-    """
-    height, width = levels.shape
-    if size[0] > height or size[1] > width:
-        raise InputError(
-            f"has only {height} x {width} pixels for the {size[0]} x {size[1]} of --tiles; give at most as many tiles "
-            "as pixels",
-            field=name,
-        )
-    tops = np.arange(size[0]) * height // size[0]
-    lefts = np.arange(size[1]) * width // size[1]
-    sums = np.add.reduceat(np.add.reduceat(levels, tops, axis=0, dtype=np.int64), lefts, axis=1)
-    heights = np.diff(np.append(tops, height))
-    widths = np.diff(np.append(lefts, width))
-    return np.asarray(sums / np.outer(heights, widths))
-
-
-DRAW_LIMIT: Final = 200
-"""Largest number of rows or columns of a floor that is drawn in text."""
-
-_BLOCKS: Final = ("·", "█")
+_BLOCKS: Final = "·█"
 """Characters of a still and of a vibrating tile, in Unicode."""
-_ASCII: Final = (".", "#")
-"""Characters of a still and of a vibrating tile, in ASCII."""
 
 
 def draw(tiles: NDArray[np.uint8], *, blocks: bool = False, width: int = 80) -> str:
@@ -381,23 +353,19 @@ def draw(tiles: NDArray[np.uint8], *, blocks: bool = False, width: int = 80) -> 
         tiles: (rows, columns) of kinds. Those above 1 are drawn as their hexadecimal digit.
         blocks: whether to use Unicode blocks; plain ASCII otherwise.
         width: width of the terminal, characters. Each tile is two characters wide if the rows then fit, else one.
-    Returns: the drawing. If the floor has more than DRAW_LIMIT rows or columns, a sentence that says so.
     """
-    rows, columns = tiles.shape
-    if max(rows, columns) > DRAW_LIMIT:
-        return f"({rows} x {columns} tiles are too many to draw here; draw them to a file with --out)"
-    tile_width = 2 if 2 * columns <= width else 1
-    marks = dict(zip("01", _BLOCKS if blocks else _ASCII, strict=True))
-    lines = ["".join(marks.get(kind, kind) * tile_width for kind in row) for row in rows_of(tiles)]
-    still, vibrating = (marks[kind] * tile_width for kind in "01")
+    repeats = 2 if 2 * tiles.shape[1] <= width else 1
+    still, vibrating = _BLOCKS if blocks else ".#"
+    marks = str.maketrans({"0": still, "1": vibrating})
+    lines = ["".join(mark * repeats for mark in row.translate(marks)) for row in rows_of(tiles)]
     more = "  2 and above: other kinds" if tiles.max() > 1 else ""
-    return "\n".join([*lines, f"{vibrating} vibrating  {still} still{more}"])
+    return "\n".join([*lines, f"{vibrating * repeats} vibrating  {still * repeats} still{more}"])
 
 
 def can_draw_blocks(stream: TextIO) -> bool:
     """Return whether the encoding of ``stream`` has the characters that ``draw`` uses with ``blocks``."""
     try:
-        "".join(_BLOCKS).encode(getattr(stream, "encoding", None) or "ascii")
+        _BLOCKS.encode(getattr(stream, "encoding", None) or "ascii")
     except (UnicodeEncodeError, LookupError):
         return False
     return True

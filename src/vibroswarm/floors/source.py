@@ -34,8 +34,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.rng import SEED_LIMIT, shuffled
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import KIND_LIMIT, as_tiles, check_size
-from vibroswarm.floors.grid_text import Size
-from vibroswarm.floors.io import THRESHOLD, read_tiles, read_values
+from vibroswarm.floors.io import Size, read_tiles, read_values
 from vibroswarm.floors.surfaces import (
     EXAMPLES,
     PATCHES,
@@ -194,7 +193,7 @@ MOST_UNSTATED: Final = 10_000
 
 
 def resolve(
-    spec: str, tiles: Size | None = None, seed: int = 0, run: int = 0, *, threshold: float = THRESHOLD
+    spec: str, tiles: Size | None = None, seed: int = 0, run: int = 0, *, threshold: float | None = None
 ) -> tuple[NDArray[np.uint8], str]:
     """Return the floor called ``spec``, and its name.
 
@@ -206,7 +205,7 @@ def resolve(
             refused. If not given, a random floor has 5 x 5 tiles, each pixel of a picture is a tile, and a list of
             coordinates cannot be read; a file of more than ``MOST_UNSTATED`` tiles is refused.
         seed, run: select one random floor; not used for other floors.
-        threshold: share of full brightness from which a tile of a picture vibrates; not used for other floors.
+        threshold: as ``read_tiles`` takes it.
     Returns: the tiles, uint8 of shape (rows, columns), top row first; the name of the floor in titles and results.
     Raises:
         InputError: there is no such pattern or file (the message names the most similar pattern), the file cannot be
@@ -415,7 +414,7 @@ def _is_there(spec: str) -> bool:
 def _looks_like_a_file(spec: str) -> bool:
     """Return whether ``spec`` is written as a path or ends as the name of a floor file, even if no such file exists."""
     return (
-        "/" in spec or "\\" in spec or Path(spec).suffix.lower() in {".txt", ".csv", ".tsv", ".png", ".dat"}
+        "/" in spec or "\\" in spec or Path(spec).suffix.lower() in {".txt", ".csv", ".png", ".jpg", ".jpeg"}
     )
 
 

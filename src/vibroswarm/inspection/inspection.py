@@ -25,7 +25,7 @@ from vibroswarm.errors import (
     whole_number_of,
 )
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.grid_text import parse_tiles
+from vibroswarm.floors.io import parse_tiles
 from vibroswarm.inspection.assessment import Assessment, assess
 from vibroswarm.inspection.damage import SHAPES
 from vibroswarm.inspection.laws import (

@@ -123,7 +123,8 @@ class FloorField(FrozenModel):
     redraw: Literal["run", "study"] = "run"
     """Draw a random floor for each run, or once (that of run 0) for all."""
     image_threshold: Annotated[float, Field(gt=0, lt=1)] | None = None
-    """Of a picture: share of full brightness from which a tile vibrates; if omitted, 0.5."""
+    """Of a picture: share of full brightness from which a tile vibrates; if omitted, 0.5, or between two clear
+    levels that are on one side of it."""
     tile_width_m: Length | None = None
     """Width of one tile; if omitted, the tiles are stretched over the arena."""
     tile_height_m: Length | None = None

@@ -39,7 +39,7 @@ from vibroswarm.errors import (
     whole_number_of,
 )
 from vibroswarm.floors.floor import Floor, rows_of
-from vibroswarm.floors.io import THRESHOLD, is_picture
+from vibroswarm.floors.io import is_picture
 from vibroswarm.floors.source import beside, family, is_generated, parts_of_file, resolve, values_in
 from vibroswarm.scenario import plugins, validation
 from vibroswarm.scenario.choices import Choice, field_error
@@ -525,16 +525,10 @@ def _read_floor_file(values: dict[str, Any], folder: Path) -> str | None:
     if (found := values_in(file, shape)) is not None:  # type: ignore[arg-type]
         floor["values"], floor["source"] = found
     else:
-        grid, floor["source"] = resolve(file, shape, threshold=threshold_of(floor))  # type: ignore[arg-type]
+        grid, floor["source"] = resolve(file, shape, threshold=floor.get("image_threshold"))  # type: ignore[arg-type]
         floor["tiles"] = rows_of(grid)
     path = parts_of_file(file)[1]
     return path if shape is None and is_picture(path) else None
-
-
-def threshold_of(floor: Mapping[str, Any]) -> float:
-    """Return the brightness from which a tile of a picture vibrates, of the fields of a floor; unchecked."""
-    given = floor.get("image_threshold")
-    return THRESHOLD if given is None else given
 
 
 def check_pixel_tiles(scenario: Scenario, picture: str) -> None:

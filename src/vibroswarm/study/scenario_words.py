@@ -19,8 +19,7 @@ from vibroswarm.analysis.robot_knowledge import claims_warnings
 from vibroswarm.core.numbers import listed
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import rows_of, sides_inside
-from vibroswarm.floors.grid_text import parse_tiles, printable
-from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
+from vibroswarm.floors.io import check_threshold, is_picture, parse_tiles
 from vibroswarm.floors.source import is_generated, parts_of_file, resolve, values_in
 from vibroswarm.motion.robot_params import scenario_warnings
 from vibroswarm.observation.edge_response import edge_warnings
@@ -317,7 +316,7 @@ def _floor_values(
             random floor has the base's size.
         spec: the text of ``--floor``; None if it is not given.
         tiles: the text of ``--tiles``; None if it is not given.
-        threshold: brightness from which tiles of a picture vibrate; None: the default.
+        threshold: as ``read_tiles`` takes it.
     Raises:
         InputError: there is no such floor, or ``--tiles`` is wrong or does not apply to the floor.
     """
@@ -331,10 +330,9 @@ def _floor_values(
     if is_generated(spec) and size is None:
         size = (base.floor.rows, base.floor.columns)
     if (found := values_in(spec, size)) is not None:
-        return {"floor.source": printable(found[1]), "floor.tiles": None, "floor.values": found[0]}
+        return {"floor.source": found[1], "floor.tiles": None, "floor.values": found[0]}
     # A random floor is drawn when it is simulated: here, only the size of its grid counts.
-    grid, name = resolve(spec, size, threshold=THRESHOLD if threshold is None else threshold)
-    name = printable(name)
+    grid, name = resolve(spec, size, threshold=threshold)
     if is_generated(spec):
         return {
             "floor.source": spec,

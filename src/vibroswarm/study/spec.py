@@ -49,7 +49,6 @@ from vibroswarm.scenario.scenario import (
     Scenario,
     changes,
     check_pixel_tiles,
-    threshold_of,
 )
 from vibroswarm.study.factors import (
     BLOCKS,
@@ -543,7 +542,7 @@ class Study:
         if values is not None:
             found = values[0]
         else:
-            found = rows_of(resolve(file, shape, threshold=threshold_of(floor_section))[0])
+            found = rows_of(resolve(file, shape, threshold=floor_section.get("image_threshold"))[0])
         if shape is None and is_picture(picture := parts_of_file(file)[1]):
             check_pixel_tiles(self._with_floor(found), picture)
         return found
