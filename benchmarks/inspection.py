@@ -24,7 +24,7 @@ from vibroswarm import Scenario, preset, simulate
 from vibroswarm.analysis.intervals import generator, wilson_limits
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.errors import InputError
-from vibroswarm.floors.patches import Patch
+from vibroswarm.floors.surfaces import Patch
 from vibroswarm.inspection.checks import PLACES, law_checks
 from vibroswarm.inspection.damage import (
     drawn_patches,

@@ -11,7 +11,7 @@ from scipy.special import ndtr
 
 from helpers.inspections import drawn_samples
 from vibroswarm.errors import InputError
-from vibroswarm.floors.patches import Patch
+from vibroswarm.floors.surfaces import Patch
 from vibroswarm.inspection.assessment import _visited
 from vibroswarm.inspection.damage import (
     CRACK_M,

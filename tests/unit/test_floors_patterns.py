@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vibroswarm.floors.source import FAMILIES, NAMES, canonical, kinds_listed, pattern
+from vibroswarm.floors.source import FAMILIES, NAMES, pattern
 
 ONES = {
     "diagonal:0.48": 48,
@@ -90,7 +90,3 @@ def test_patterns_take_shares_of_kinds(name):
     assert (
         same == 0.0 if name == "alternating" else same > 0.65
     )  # at random a third of the neighbours are alike
-    assert canonical(f"{name}:.34,0.33,.33") == f"{name}:0.34,0.33,0.33"
-    assert kinds_listed(f"{name}:0.34,0.33,0.33") == 3
-    assert kinds_listed("random:0.5,0.5") == 2
-    assert all(kinds_listed(other) is None for other in (f"{name}:0.48", "random:0.48", "hill:0.3,0.6,0.2"))

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.anneal import Goal, Schedule, anneal
 from vibroswarm.floors.difficulty import Difficulty, measure
-from vibroswarm.floors.source import check_fill_ratio, random_tiles
+from vibroswarm.floors.source import random_tiles
 
 
 def constructions(rows: int, columns: int, ones: int) -> Iterator[NDArray[np.uint8]]:
@@ -189,7 +189,8 @@ def _target(
     for name, value in numbers.items():
         if not isinstance(value, Real) and (name != "entropy" or value is not None):
             raise InputError(f"{shown(value)} is not a number", field=name)
-    check_fill_ratio(fill_ratio)
+    if not 0 <= fill_ratio <= 1:
+        raise InputError(f"{shown(fill_ratio)} is not a share; give a number from 0 to 1", field="fill_ratio")
     if rows * columns > TILE_LIMIT:
         raise InputError(
             f"{rows} x {columns} tiles are too many to make; at most {TILE_LIMIT:,}", field="tiles"

@@ -397,11 +397,7 @@ def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
         copied = np.array(values, order="C")
         if copied.max() < KIND_LIMIT:
             return copied
-    grid = rectangle(
-        values,
-        "floor",
-        "a floor",
-        lambda of: (of >= 0) & (of < KIND_LIMIT) & (of == np.floor(of)),
-        KINDS_IN_WORDS,
-    )
+    grid = rectangle(values, KIND_LIMIT - 1, "floor")
+    if (grid % 1).any():
+        raise InputError(KINDS_IN_WORDS, field="floor")
     return np.ascontiguousarray(grid, dtype=np.uint8)

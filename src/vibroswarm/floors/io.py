@@ -22,7 +22,7 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.numbers import percent, whole
 from vibroswarm.core.untrusted_files import read_bytes
 from vibroswarm.errors import InputError, named, number_of, path_of, warn_once
-from vibroswarm.floors.floor import TILE_LIMIT, as_tiles, check_size, rows_of
+from vibroswarm.floors.floor import as_tiles, check_size, rows_of
 from vibroswarm.floors.surfaces import steps_of
 
 if TYPE_CHECKING:
@@ -40,6 +40,8 @@ PICTURES: Final = {"PNG": b"\x89PNG\r\n\x1a\n", "JPEG": b"\xff\xd8\xff"}
 BIT_DEPTH: Final = 24
 """Place of the byte of a PNG file that states the bits of each channel."""
 
+MOST_PIXELS: Final = 10_000
+"""Largest number of pixels of a picture each of which is a tile: more are rarely meant."""
 THRESHOLD: Final = 0.5
 """Share of full brightness from which a tile of a picture vibrates, unless another is given."""
 NEAR: Final = 0.15
@@ -66,11 +68,7 @@ def parse_tiles(text: str, field: str = "--tiles") -> Size:
 
 
 def read_tiles(
-    path: Path | str,
-    tiles: Size | None = None,
-    threshold: float | None = None,
-    *,
-    most_pixels: int = TILE_LIMIT,
+    path: Path | str, tiles: Size | None = None, threshold: float | None = None
 ) -> NDArray[np.uint8]:
     """Read the floor in a file, uint8 of shape (rows, columns), top row first.
 
@@ -81,13 +79,13 @@ def read_tiles(
         threshold: share of full brightness, above 0 and below 1, from which a tile of a picture vibrates; not used for
             other files. None: ``THRESHOLD``; but a picture with two clear levels that are both above or both below it
             is split halfway between them.
-        most_pixels: a picture with more pixels is refused if ``tiles`` is None.
     Raises:
-        InputError: the file cannot be read or is not a floor, or ``threshold`` is out of range.
+        InputError: the file cannot be read or is not a floor, a picture has more than ``MOST_PIXELS`` and no ``tiles``,
+            or ``threshold`` is out of range.
     """
     data, name = read_bytes(path_of(path), FILE_LIMIT, "a floor"), str(path)
     if _is_picture(data):
-        return _tiles_of_picture(_grey(data, name), name, tiles, threshold, most_pixels)
+        return _tiles_of_picture(_grey(data, name), name, tiles, threshold)
     return _tiles_of_text(_decoded(data, name), name, tiles)
 
 
@@ -219,13 +217,11 @@ def check_threshold(threshold: float, field: str = "--image-threshold") -> None:
 
 
 def _tiles_of_picture(
-    grey: _Grey, name: str, size: Size | None, threshold: float | None, most_pixels: int
+    grey: _Grey, name: str, size: Size | None, threshold: float | None
 ) -> NDArray[np.uint8]:
-    if size is None and grey.levels.size > most_pixels:
-        rows, columns = grey.levels.shape
+    if size is None and grey.levels.size > MOST_PIXELS:
         raise InputError(
-            f"has {rows} x {columns} pixels, too many for one tile each (at most {most_pixels:,}); add --tiles "
-            "ROWSxCOLUMNS, into which the picture is divided",
+            f"has more than {MOST_PIXELS:,} pixels; add --tiles ROWSxCOLUMNS, into which it is divided",
             field=name,
         )
     brightness, near = _brightness(grey, size, name), NEAR

@@ -31,14 +31,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.rng import SEED_LIMIT, shuffled
+from vibroswarm.core.rng import shuffled
 from vibroswarm.errors import InputError, nearest, shown
-from vibroswarm.floors.floor import KIND_LIMIT, as_tiles, check_size
+from vibroswarm.floors.floor import as_tiles, check_size
 from vibroswarm.floors.io import Size, read_tiles, read_values
 from vibroswarm.floors.surfaces import (
     EXAMPLES,
     PATCHES,
     PLAIN,
+    Box,
     Surface,
     kind_of_name,
     kinds_of,
@@ -81,6 +82,123 @@ FAMILIES: Final = tuple(dict.fromkeys(name.partition(":")[0] for name in NAMES))
 """Names of the patterns without their fill ratios."""
 
 
+RANDOM: Final = "random"
+"""Name of random floors, before the colon."""
+VALUES_OF: Final = "values:"
+"""What the name of a file with values of tiles begins with."""
+DEFAULT_SIZE: Final = (5, 5)
+"""Rows and columns of a random floor of unspecified size: the paper's."""
+SUM_TO_1: Final = 1e-6
+"""Largest difference from 1 of the sum of shares, which are written with few digits."""
+_FIELD: Final = "floor.source"
+"""Field of errors about the name of a floor."""
+_SCALE: Final = re.compile(r"(-?\d*\.?\d+)\.\.(-?\d*\.?\d+):")
+
+
+# Kinds of names
+
+
+def is_random(spec: str) -> bool:
+    """Return whether ``spec`` names a random floor (``random:0.48``), which is a new one for each run."""
+    return spec.partition(":")[0] == RANDOM
+
+
+def is_redrawn(spec: str) -> bool:
+    """Return whether ``spec`` names a floor that is another one in each run."""
+    return is_random(spec) or kind_of_name(spec) in (PATCHES, "field")
+
+
+def is_generated(spec: str) -> bool:
+    """Return whether ``spec`` names a floor of any size: a random one, patches, or values."""
+    return is_random(spec) or bool(kind_of_name(spec))
+
+
+def family(name: str) -> str | None:
+    """Return the pattern that ``name`` refers to, without its fill ratio (``diagonal``); None if it is no pattern."""
+    known = name.partition(":")[0]
+    return known if known in FAMILIES else None
+
+
+def source_of(kind: str, *shares: float) -> str:
+    """Return the name of a floor of shares, such as ``random:0.48`` or ``stripe:0.5,0.3,0.2``."""
+    return f"{kind}:{','.join(f'{share:g}' for share in shares)}"
+
+
+# Floors of names
+
+
+def resolve(
+    spec: str, tiles: Size | None = None, seed: int = 0, run: int = 0, *, threshold: float | None = None
+) -> tuple[NDArray[np.uint8], str]:
+    """Return the floor called ``spec``, and its name.
+
+    A name of a pattern or of a random floor is never read as a file, even if a file of this name exists.
+
+    Args:
+        spec: a pattern (``diagonal:0.46``), a random floor (``random:0.48``), or the path of a file.
+        tiles: rows and columns of the floor; a picture is divided into them. A pattern or a grid of another size is
+            refused. If not given, a random floor has 5 x 5 tiles, each pixel of a picture is a tile, and a list of
+            coordinates cannot be read.
+        seed, run: select one random floor; not used for other floors.
+        threshold: as ``read_tiles`` takes it.
+    Returns: the tiles, uint8 of shape (rows, columns), top row first; the name of the floor in titles and results.
+    Raises:
+        InputError: there is no such pattern or file (the message names the most similar pattern), the file cannot be
+            read or is no floor, the fill ratio of a random floor is impossible, or the floor does not fit ``tiles``.
+    """
+    if (found := values_in(spec, tiles)) is not None:
+        return kinds_of(steps_of(found[0])), found[1]
+    if not is_generated(spec) and family(spec) is None:
+        if not _is_file(spec):
+            raise _unknown(spec)
+        return read_tiles(spec, tiles, threshold), Path(spec).name
+    grid = named_tiles(spec, *(tiles or DEFAULT_SIZE), seed, run)
+    if tiles is not None and grid.shape != tiles:
+        raise InputError(f"'{spec}' has {grid.shape[0]}x{grid.shape[1]} tiles; omit --tiles", field="--tiles")
+    return grid, spec
+
+
+def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:
+    """Return the tiles of a pattern or of a random floor.
+
+    Args:
+        source: a pattern with its fill ratio (``diagonal:0.46``), a random floor (``random:0.48``), or one of
+            ``surfaces``, whose tiles stand for its values, and are still below its patches.
+        rows, columns: size of a floor that is no pattern. seed, run: select one random floor. All four are not used for
+            patterns, which are 10 x 10.
+    Raises:
+        InputError: there is no such pattern (the message names the most similar name), or a floor of this size cannot
+            have this fill ratio.
+    """
+    first, colon, _ = source.partition(":")
+    match first if colon else "":
+        case "patch":
+            return np.zeros((rows, columns), dtype=np.uint8)
+        case "gradient" | "hill" | "field":
+            return kinds_of(named_values(source, rows, columns, seed, run))
+        case "random":
+            return random_tiles(rows, columns, _shares(source), seed, run)
+        case name if name in FAMILIES:
+            return pattern(source)
+    if _is_file(source):
+        raise InputError(f"'{source}' is a file; set floor.tiles = read_tiles('{source}')", field=_FIELD)
+    raise _unknown(source)
+
+
+def surface_of(spec: str, size: Size, box_m: Box, seed: int = 0, run: int = 0) -> Surface:
+    """Return values and patches of a floor.
+
+    Args:
+        spec, seed, run: as ``resolve`` takes them. size: rows and columns. box_m: the part in which patches lie.
+    """
+    if (found := values_in(spec, size)) is not None:
+        return Surface(values=steps_of(found[0]))
+    kind = kind_of_name(spec)
+    if kind == PATCHES:
+        return Surface(patches=named_patches(spec, box_m, seed, run))
+    return Surface(values=named_values(spec, *size, seed, run)) if kind else PLAIN
+
+
 def pattern(name: str) -> NDArray[np.uint8]:
     """Return the tiles of a named pattern, uint8 of shape (10, 10), top row first.
 
@@ -89,9 +207,10 @@ def pattern(name: str) -> NDArray[np.uint8]:
     Raises:
         InputError: no pattern has this name.
     """
-    name = canonical(name)
-    if "," in name:
+    if "," in name and family(name) in ORDERS:
         return _pattern_of_kinds(name)
+    if name not in _PATTERNS:
+        raise _unknown(name)
     drawing, cleared = _PATTERNS[name]  # cleared: tiles that vibrate in the drawing but are still
     tiles = as_tiles([[int(tile) for tile in row] for row in drawing.split()])
     for row, column in cleared:
@@ -113,7 +232,7 @@ in ``alternating`` each gets the kind that lags its share most, one tile less fo
 
 def _pattern_of_kinds(name: str) -> NDArray[np.uint8]:
     """Return the tiles of a pattern with shares of kinds, such as ``stripe:0.4,0.36,0.24``."""
-    shares = random_shares(name)
+    shares = _shares(name)
     left = np.array([0, *(exact_ones(_SIDE, _SIDE, share) for share in shares[1:])])
     left[0] = _SIDE * _SIDE - left.sum()
     kinds = np.roll(np.repeat(np.arange(left.size), left), -left[0])
@@ -129,130 +248,96 @@ def _pattern_of_kinds(name: str) -> NDArray[np.uint8]:
     return tiles.reshape(_SIDE, _SIDE)
 
 
-def kinds_listed(source: str) -> int | None:
-    """Return the number of kinds whose shares a name lists, as ``random:0.4,0.36,0.24`` does; None if it lists none."""
-    if (is_random(source) or family(source) is not None) and "," in source:
-        return len(random_shares(source))
-    return None
-
-
-def family(name: str) -> str | None:
-    """Return the pattern that ``name`` refers to, without its fill ratio (``diagonal``); None if it is no pattern.
-
-    Only the part of ``name`` before the colon is read.
-    """
-    known = name.partition(":")[0].strip()
-    return known if known in FAMILIES else None
-
-
-def source_of(kind: str, *shares: float) -> str:
-    """Return the name of a floor of shares, such as ``random:0.48`` or ``stripe:0.5,0.3,0.2``."""
-    return f"{kind}:{','.join(f'{share:g}' for share in shares)}"
-
-
-def canonical(name: str) -> str:
-    """Return the name of a pattern; shares of kinds are written in their shortest form.
-
-    Raises:
-        InputError: there is no such pattern, or it does not exist at this fill ratio; the message lists what exists.
-    """
-    kind = family(name)
-    if kind is None:
-        raise InputError(
-            f"'{name}' is not a pattern{nearest(name, NAMES)}; there are {', '.join(NAMES)}", field=_FIELD
-        )
-    fill = name.partition(":")[2].strip()
-    if "," in fill:
-        if kind not in ORDERS:
-            raise InputError(
-                f"'{name}' has two kinds of tile; {', '.join(ORDERS)} and {RANDOM} take shares of kinds",
-                field=_FIELD,
-            )
-        return source_of(kind, *random_shares(name))
-    fills = [known.partition(":")[2] for known in NAMES if known.startswith(f"{kind}:")]
-    if fill not in fills:
-        wrong = f"has no fill ratio '{fill}'" if fill else "needs a fill ratio"
-        these = " or ".join(f"{kind}:{known}" for known in fills)
-        raise InputError(f"'{name}' {wrong}; give {these}", field=_FIELD)
-    return f"{kind}:{fill}"
-
-
-RANDOM: Final = "random"
-"""Name of random floors, before the colon."""
-DEFAULT_SIZE: Final = (5, 5)
-"""Rows and columns of a random floor of unspecified size: the paper's."""
-
-_FIELD: Final = "floor.source"
-"""Field of errors about the name of a floor."""
-
-
-SUM_TO_1: Final = 1e-6
-"""Largest difference from 1 of the sum of shares, which are written with few digits."""
-MOST_UNSTATED: Final = 10_000
-"""Largest number of tiles of a file without the size being stated: more are rarely meant, and take long."""
-
-
-def resolve(
-    spec: str, tiles: Size | None = None, seed: int = 0, run: int = 0, *, threshold: float | None = None
-) -> tuple[NDArray[np.uint8], str]:
-    """Return the floor called ``spec``, and its name.
-
-    A name of a pattern or of a random floor is never read as a file, even if a file of this name exists.
+def random_tiles(
+    rows: int, columns: int, fill_ratio: float | Sequence[float], seed: int, run: int
+) -> NDArray[np.uint8]:
+    """Return the random floor that (seed, run) selects, uint8 of shape (rows, columns).
 
     Args:
-        spec: a pattern (``diagonal:0.46``), a random floor (``random:0.48``), or the path of a file.
-        tiles: rows and columns of the floor; a picture is divided into them. A pattern or a grid of another size is
-            refused. If not given, a random floor has 5 x 5 tiles, each pixel of a picture is a tile, and a list of
-            coordinates cannot be read; a file of more than ``MOST_UNSTATED`` tiles is refused.
-        seed, run: select one random floor; not used for other floors.
-        threshold: as ``read_tiles`` takes it.
-    Returns: the tiles, uint8 of shape (rows, columns), top row first; the name of the floor in titles and results.
+        rows, columns: size of the floor, at least 1 x 1.
+        fill_ratio: share of vibrating tiles, or shares of the kinds 0, 1, 2 and so on, which sum to 1; the numbers of
+            tiles that they give must be whole, to about six digits.
+        seed: in [0, 2^63). run: in [0, 2^32).
     Raises:
-        InputError: there is no such pattern or file (the message names the most similar pattern), the file cannot be
-            read or is no floor, the fill ratio of a random floor is impossible, the floor does not fit ``tiles``, or
-            it has too many tiles without ``tiles``.
+        InputError: the size or a share is impossible.
     """
-    if (found := values_in(spec, tiles)) is not None:
-        return kinds_of(steps_of(found[0])), found[1]
-    if is_generated(spec) or family(spec) is not None:
-        rows, columns = tiles or DEFAULT_SIZE  # the size of a generated floor; a pattern has its own
-        grid = named_tiles(spec, rows, columns, seed, run)
-        if tiles is not None and grid.shape != tiles:
-            raise InputError(
-                f"'{spec}' has {grid.shape[0]}x{grid.shape[1]} tiles, not {rows}x{columns}; omit --tiles",
-                field="--tiles",
-            )
-        return grid, spec if is_generated(spec) else canonical(spec)
-    # If the text looks like a file, ``read_tiles`` reports that the file is missing. Else it is more likely a misspelt
-    # pattern.
-    if not _is_there(spec) and not _looks_like_a_file(spec):
-        raise InputError(_unknown(spec), field=_FIELD)
-    grid = read_tiles(spec, tiles, threshold, most_pixels=MOST_UNSTATED)
-    if tiles is None and grid.size > MOST_UNSTATED:
-        rows, columns = grid.shape
-        raise InputError(
-            f"holds {rows} x {columns} tiles, more than {MOST_UNSTATED:,}; add --tiles {rows}x{columns} if so many "
-            "are meant",
-            field=spec,
-        )
-    return grid, Path(spec).name
+    check_size(rows, columns)
+    shares = [fill_ratio] if isinstance(fill_ratio, float | int) else list(fill_ratio)[1:]
+    tiles, first = np.zeros(rows * columns, dtype=np.uint8), 0
+    order = shuffled(rows * columns, seed, run)
+    for kind, share in enumerate(shares, start=1):  # each kind takes the next tiles of a random order
+        count = exact_ones(rows, columns, share)
+        tiles[order[first : first + count]] = kind
+        first += count
+    return tiles.reshape(rows, columns)
 
 
-VALUES_OF: Final = "values:"
-"""What the name of a file with values of tiles begins with, as a floor."""
+def exact_ones(rows: int, columns: int, fill_ratio: float) -> int:
+    """Return the number of vibrating tiles that gives ``fill_ratio``, to about six digits.
+
+    Raises:
+        InputError: ``fill_ratio`` is not in [0, 1], or no number of tiles gives it; the message names the two nearest
+            fill ratios that are possible.
+    """
+    if not 0 <= fill_ratio <= 1:
+        raise InputError(f"{shown(fill_ratio)} is not a share; give a number from 0 to 1", field=_FIELD)
+    count = rows * columns
+    ones = round(fill_ratio * count)
+    # The user may round the fill ratio to six digits (1e-6), but by at most 0.01 tiles, so that it is clear which whole
+    # number is meant.
+    if abs(fill_ratio * count - ones) <= min(1e-6 * count, 0.01):
+        return ones
+    below = math.floor(fill_ratio * count)
+    raise InputError(
+        f"{fill_ratio:.9g} of {rows} x {columns} tiles is {fill_ratio * count:.9g} tiles; the nearest that "
+        f"can be had are {below / count:.9g} ({below} of them) and {(below + 1) / count:.9g} ({below + 1})",
+        field=_FIELD,
+    )
 
 
-_SCALE: Final = re.compile(r"-?\d*\.?\d+\.\.-?\d*\.?\d+:")
+def _shares(spec: str) -> tuple[float, ...]:
+    """Return the shares of the kinds 0, 1 and so on in a name such as ``random:0.4,0.36,0.24``.
+
+    A single share, as in ``random:0.48``, is that of vibrating tiles, kind 1; the rest is still, kind 0.
+    """
+    try:
+        shares = tuple(float(part) for part in spec.partition(":")[2].split(","))
+    except ValueError:
+        raise _unknown(spec) from None
+    if len(shares) == 1:
+        return (1.0 - shares[0], shares[0])
+    if abs(sum(shares) - 1.0) > SUM_TO_1:
+        raise InputError(f"the shares of '{spec}' sum to {sum(shares):.12g}, and not to 1", field=_FIELD)
+    return shares
+
+
+def _unknown(spec: str) -> InputError:
+    known = (*NAMES, f"{RANDOM}:0.48", *EXAMPLES)
+    return InputError(
+        f"{shown(spec)} is neither a floor nor a file{nearest(spec, known)}; there are {', '.join(known)}",
+        field=_FIELD,
+    )
+
+
+# Files
+
+
+def _is_file(spec: str) -> bool:
+    # An empty name is none, but ``Path("")`` is the working folder.
+    try:
+        return bool(spec) and Path(spec).exists()
+    except (OSError, ValueError):  # a name that is too long, or holds a NUL
+        return False
 
 
 def parts_of_file(spec: str) -> tuple[str, str]:
     """Return the name of a floor file in two parts: what stands before the path, such as ``values:3..12:``, and it."""
-    text = spec.strip()
-    if not text.startswith(VALUES_OF):
+    if not spec.startswith(VALUES_OF):
         return "", spec
-    first, path = text[: len(VALUES_OF)], text[len(VALUES_OF) :]
+    path = spec.removeprefix(VALUES_OF)
     scale = _SCALE.match(path)
-    return (first, path) if scale is None else (first + scale[0], path[scale.end() :])
+    prefix = VALUES_OF + (scale[0] if scale else "")
+    return prefix, spec.removeprefix(prefix)
 
 
 def beside(spec: str, folder: Path) -> str:
@@ -271,221 +356,9 @@ def values_in(spec: str, size: Size | None = None) -> tuple[tuple[tuple[float, .
     Raises:
         InputError: there is no such file, or it has no values.
     """
-    if not spec.strip().startswith(VALUES_OF):
-        return None
     prefix, path = parts_of_file(spec)
-    scale = prefix[len(VALUES_OF) : -1]
-    ends = tuple(map(float, scale.split(".."))) if scale else (0.0, 1.0)
-    values = read_values(path, size, (ends[0], ends[1]))
+    if not prefix:
+        return None
+    scale = _SCALE.fullmatch(prefix.removeprefix(VALUES_OF))
+    values = read_values(path, size, (float(scale[1]), float(scale[2])) if scale else (0.0, 1.0))
     return tuple(tuple(row) for row in values.round(6).tolist()), Path(path).name
-
-
-def surface_of(
-    spec: str, size: Size, box_m: tuple[float, float, float, float], seed: int = 0, run: int = 0
-) -> Surface:
-    """Return values and patches of a floor.
-
-    Args:
-        spec, seed, run: as ``resolve`` takes them. size: rows and columns, as ``resolve`` found them. box_m: left,
-            bottom, right and top of the part in which patches lie.
-    """
-    if (found := values_in(spec, size)) is not None:
-        return Surface(values=steps_of(found[0]))
-    kind = kind_of_name(spec)
-    if kind == PATCHES:
-        return Surface(patches=named_patches(spec, box_m, seed, run))
-    return Surface(values=named_values(spec, *size, seed, run)) if kind else PLAIN
-
-
-def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:
-    """Return the tiles of a pattern or of a random floor.
-
-    Args:
-        source: a pattern with its fill ratio (``diagonal:0.46``), a random floor (``random:0.48``), or one of
-            ``surfaces``, whose tiles stand for its values, and are still below its patches.
-        rows, columns: size of a floor that is no pattern. seed, run: select one random floor. All four are not used for
-            patterns, which are 10 x 10.
-    Raises:
-        InputError: there is no such pattern (the message names the most similar name), or a floor of this size cannot
-            have this fill ratio.
-    """
-    if surface := kind_of_name(source):
-        if surface == PATCHES:
-            return np.zeros((rows, columns), dtype=np.uint8)
-        return kinds_of(named_values(source, rows, columns, seed, run))
-    if not is_random(source) and family(source) is None:
-        file = (
-            f"'{source}' is a file, which is read from a scenario's text alone, Scenario.from_toml(..., folder=...); "
-            "or give its tiles, floor.tiles = vibroswarm.floors.read_tiles(FILE)"
-        )
-        raise InputError(file if _is_there(source) else _unknown(source), field=_FIELD)
-    try:
-        if is_random(source):
-            shares = random_shares(source)
-            return random_tiles(rows, columns, shares[1] if len(shares) == 2 else shares, seed, run)
-        return pattern(source)
-    except InputError as error:
-        if error.field != "fill_ratio":
-            raise
-        raise InputError(f"'{source}': {error.reason}", field=_FIELD) from None
-
-
-def is_random(spec: str) -> bool:
-    """Return whether ``spec`` names a random floor (``random:0.48``), which is a new one for each run."""
-    return spec.partition(":")[0].strip() == RANDOM
-
-
-def is_redrawn(spec: str) -> bool:
-    """Return whether ``spec`` names a floor that is another one in each run."""
-    return is_random(spec) or kind_of_name(spec) in (PATCHES, "field")
-
-
-def is_generated(spec: str) -> bool:
-    """Return whether ``spec`` names a floor of any size: a random one, patches, or values."""
-    return is_random(spec) or bool(kind_of_name(spec))
-
-
-def shadows(name: str, tiles: NDArray[np.uint8]) -> bool:
-    """Return whether ``name`` is the name of a pattern or of random floors, but ``tiles`` is not that pattern.
-
-    A floor with these tiles must then not get this name, since the name would be read as the pattern or random floors.
-    """
-    if is_generated(name):
-        return True
-    if family(name) is None:
-        return False
-    try:
-        return not np.array_equal(pattern(name), tiles)
-    except InputError:
-        return True  # the name would be read as a pattern, and refused, as the pattern does not exist at its fill ratio
-
-
-def random_shares(spec: str) -> tuple[float, ...]:
-    """Parse the shares of the kinds of tile from the name of a random floor, such as ``random:0.4,0.36,0.24``.
-
-    A single share, as in ``random:0.48``, is that of vibrating tiles, kind 1; the rest is still, kind 0.
-
-    Raises:
-        InputError: the name has no shares, they are not numbers, too many, or do not sum to 1.
-    """
-    text = spec.partition(":")[2].strip()
-    try:
-        shares = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        wrong = f"'{text}' is not a fill ratio" if text else f"'{spec}' needs a fill ratio"
-        raise InputError(
-            f"{wrong}; give for example {RANDOM}:0.48, or shares of kinds, {RANDOM}:0.4,0.36,0.24",
-            field=_FIELD,
-        ) from None
-    if len(shares) == 1:
-        return (1.0 - shares[0], shares[0])
-    if len(shares) > KIND_LIMIT:
-        raise InputError(
-            f"'{text}' are {len(shares)} shares; there are at most {KIND_LIMIT} kinds", field=_FIELD
-        )
-    if abs(sum(shares) - 1.0) > SUM_TO_1:
-        raise InputError(
-            f"the shares of '{spec}' sum to {sum(shares):.12g}; give a share of each kind from 0 on, 1 in all, or one "
-            f"fill ratio, {RANDOM}:0.48",
-            field=_FIELD,
-        )
-    for share in shares:
-        check_fill_ratio(share)
-    return shares
-
-
-def _unknown(spec: str) -> str:
-    """Return the message for a floor that is neither a pattern, a random floor nor a file."""
-    known = (*NAMES, f"{RANDOM}:0.48", *EXAMPLES)
-    return (
-        f"{shown(spec)} is neither a floor nor a file{nearest(spec.lower().replace('_', '-'), known)}; "
-        f"there are {', '.join(known)}"
-    )
-
-
-def _is_there(spec: str) -> bool:
-    # An empty name is none, but ``Path("")`` is the working folder.
-    try:
-        return bool(spec) and Path(spec).exists()
-    except (OSError, ValueError):  # a name that is too long, or holds a NUL
-        return False
-
-
-def _looks_like_a_file(spec: str) -> bool:
-    """Return whether ``spec`` is written as a path or ends as the name of a floor file, even if no such file exists."""
-    return (
-        "/" in spec or "\\" in spec or Path(spec).suffix.lower() in {".txt", ".csv", ".png", ".jpg", ".jpeg"}
-    )
-
-
-RUN_LIMIT = 2**32
-"""Run numbers are below this."""
-
-
-def random_tiles(
-    rows: int, columns: int, fill_ratio: float | Sequence[float], seed: int, run: int
-) -> NDArray[np.uint8]:
-    """Return the random floor that (seed, run) selects, uint8 of shape (rows, columns).
-
-    Args:
-        rows, columns: size of the floor, at least 1 x 1.
-        fill_ratio: share of vibrating tiles, or shares of the kinds 0, 1, 2 and so on, which sum to 1; the numbers of
-            tiles that they give must be whole, to about six digits.
-        seed: in [0, 2^63). run: in [0, 2^32).
-    Raises:
-        InputError: an argument is outside these ranges.
-    """
-    check_size(rows, columns)
-    check_seed(seed)
-    if not 0 <= run < RUN_LIMIT:
-        raise InputError(f"{run} is not a run number; give a whole number from 0 to 2^32 - 1", field="run")
-    shares = [fill_ratio] if isinstance(fill_ratio, float | int) else list(fill_ratio)[1:]
-    tiles, first = np.zeros(rows * columns, dtype=np.uint8), 0
-    order = shuffled(rows * columns, seed, run)
-    for kind, share in enumerate(shares, start=1):  # each kind takes the next tiles of a random order
-        count = exact_ones(rows, columns, share)
-        tiles[order[first : first + count]] = kind
-        first += count
-    return tiles.reshape(rows, columns)
-
-
-def exact_ones(rows: int, columns: int, fill_ratio: float) -> int:
-    """Return the number of vibrating tiles that gives ``fill_ratio``, to about six digits.
-
-    Raises:
-        InputError: ``fill_ratio`` is not in [0, 1], or no number of tiles gives it; the message names the two nearest
-            fill ratios that are possible.
-    """
-    check_fill_ratio(fill_ratio)
-    count = rows * columns
-    ones = round(fill_ratio * count)
-    # The user may round the fill ratio to six digits (1e-6), but by at most 0.01 tiles, so that it is clear which whole
-    # number is meant.
-    if abs(fill_ratio * count - ones) <= min(1e-6 * count, 0.01):
-        return ones
-    below = math.floor(fill_ratio * count)
-    raise InputError(
-        f"{fill_ratio:.9g} of {rows} x {columns} tiles is {fill_ratio * count:.9g} tiles; the nearest that "
-        f"can be had are {below / count:.9g} ({below} of them) and {(below + 1) / count:.9g} ({below + 1})",
-        field="fill_ratio",
-    )
-
-
-def check_fill_ratio(fill_ratio: float) -> None:
-    """Refuse an invalid fill ratio.
-
-    Raises:
-        InputError: it is not a finite number in [0, 1].
-    """
-    if not 0 <= fill_ratio <= 1:
-        raise InputError(f"{shown(fill_ratio)} is not a share; give a number from 0 to 1", field="fill_ratio")
-
-
-def check_seed(seed: int) -> None:
-    """Refuse an invalid seed.
-
-    Raises:
-        InputError: it is not in [0, 2^63).
-    """
-    if not 0 <= seed < SEED_LIMIT:
-        raise InputError(f"{seed} is not a seed; give a whole number from 0 to 2^63 - 1", field="seed")

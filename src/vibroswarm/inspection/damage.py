@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from vibroswarm.core.jit import kernel
-from vibroswarm.floors.patches import Patch, mixed, place_within
+from vibroswarm.floors.surfaces import Patch, mixed, place_within
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values, read_by
 from vibroswarm.observation.energy_model import MOST, energy_of, likelihood_at
 from vibroswarm.scenario.fields import Sensor

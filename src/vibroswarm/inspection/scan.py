@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError
-from vibroswarm.floors.patches import Patch
+from vibroswarm.floors.surfaces import Patch
 from vibroswarm.inspection.damage import drawn_parts, judged, ratios_at
 from vibroswarm.inspection.patches import (
     AT_ONCE,

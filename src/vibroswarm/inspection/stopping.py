@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.child_python import processors
 from vibroswarm.errors import InputError, check_flags, check_kind, keep_plain, number_of, shown
-from vibroswarm.floors.patches import place_within
+from vibroswarm.floors.surfaces import place_within
 from vibroswarm.inspection.damage import (
     by_laws,
     contrast_ratios,

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.verdict import answers_of, estimates_in_words, verdict
 from vibroswarm.core.numbers import count, first_of, number
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.patches import Patch
-from vibroswarm.floors.surfaces import STEPS
+from vibroswarm.floors.surfaces import STEPS, Patch
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.observe import kinds_at

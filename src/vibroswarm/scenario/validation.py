@@ -13,7 +13,6 @@ import numpy as np
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError, shown
-from vibroswarm.floors.source import kinds_listed, shadows
 from vibroswarm.floors.surfaces import VALUES, kind_of_name
 from vibroswarm.scenario.change_fields import MOST_CHANGES
 from vibroswarm.scenario.fault_fields import OF_TWO_KINDS, check_faults
@@ -286,13 +285,6 @@ def _check_kinds(s: Sections) -> None:
             f"'{s.sensor.model}' knows {kinds} kinds, from 0; {more}",
             field="floor.source" if s.floor.tiles is None else "floor.tiles",
         )
-    listed = kinds_listed(s.floor.source) if s.floor.is_named else None
-    if listed is not None and listed < kinds:
-        raise InputError(
-            f"'{name}' has shares of {listed} kinds, and the sensor '{s.sensor.model}' knows {kinds}; give a share of "
-            "each, 0 for those that are not there",
-            field="floor.source",
-        )
     if max(kinds, readings) > 2:
         _check_options_of_two(s)
     if s.floor.has_surface:
@@ -477,14 +469,8 @@ def _check_factors(s: Sections) -> None:
 
 
 def _check_floor(s: Sections) -> None:
-    """Refuse tiles that have the name of another floor, and a floor that lies outside of the arena."""
+    """Refuse a floor that lies outside of the arena."""
     tiles = s.floor.tiles_for(0, 0)[0]  # those of seed 0 and run 0: the size is that of all runs
-    if not s.floor.is_named and shadows(s.floor.source, tiles):
-        raise InputError(
-            f"'{s.floor.source}' is the name of a pattern or of a random floor, and floor.tiles gives another; "
-            "give the tiles a name of their own",
-            field="floor.source",
-        )
     rows, columns = tiles.shape
     width = s.floor.tile_width_m or s.arena.width_m / columns
     height = s.floor.tile_height_m or s.arena.height_m / rows

@@ -57,8 +57,8 @@ from vibroswarm.core.registry import Registry
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniforms
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, InputError, shown
-from vibroswarm.floors.patches import mixed
 from vibroswarm.floors.place import Place
+from vibroswarm.floors.surfaces import mixed
 from vibroswarm.strategies.base import Plugin
 from vibroswarm.strategies.static_analysis import refuse_chance
 
@@ -131,7 +131,7 @@ class SensorModel(Plugin):
         check: optional, a function of the parameters that raises an ``InputError`` if they do not go together.
         in_section: whether the parameters are fields of the section ``sensor`` itself, and not of a table of its own.
         scales: whether values are strengths, which ``sensor.tile_spread`` and ``robot_spread`` may multiply. With two
-            kinds of tile such a sensor also measures values of tiles and patches (``floors.patches``).
+            kinds of tile such a sensor also measures values of tiles and patches (``floors.surfaces``).
         accelerometer: optional, for a sensor that reads the robot's accelerometer: a function of the parameters that
             returns its rate, filter and time of reading (``robot.sensing``).
         for_more_kinds: how to give it more kinds of tile, for messages.
@@ -320,7 +320,7 @@ class SensorModel(Plugin):
         return p.model_copy(update={"place": place})
 
     def values_at(self, contrast: Values | float, u: Values, p: BaseModel) -> Values:
-        """Return what samples measure at a contrast between the kinds 0 and 1 (``floors.patches``), in the shape of u.
+        """Return what samples measure at a contrast between the kinds 0 and 1 (``floors.surfaces``), in the shape of u.
 
         Args:
             contrast: one, or one for each of ``u``. u: uniform numbers in (0, 1). p: the parameters.

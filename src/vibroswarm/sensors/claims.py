@@ -23,7 +23,7 @@ from pydantic import BaseModel
 from vibroswarm.core.quadrature import over_interval
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError
-from vibroswarm.floors.patches import mixed
+from vibroswarm.floors.surfaces import mixed
 from vibroswarm.sensors.base import TRIED, SensorModel, Values
 
 FEW: Final = 256

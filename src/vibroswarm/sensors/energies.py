@@ -23,7 +23,7 @@ import numpy as np
 
 from vibroswarm.core.elementary import exp, log
 from vibroswarm.errors import InputError
-from vibroswarm.floors.patches import mixed
+from vibroswarm.floors.surfaces import mixed
 from vibroswarm.sensors.base import SensorModel, Values, register
 from vibroswarm.sensors.gamma import above_threshold
 

@@ -20,7 +20,7 @@ from vibroswarm.core.numbers import listed
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import rows_of, sides_inside
 from vibroswarm.floors.io import check_threshold, is_picture, parse_tiles
-from vibroswarm.floors.source import is_generated, parts_of_file, resolve, values_in
+from vibroswarm.floors.source import family, is_generated, parts_of_file, resolve, values_in
 from vibroswarm.motion.robot_params import scenario_warnings
 from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.energy_model import sensor_warnings
@@ -341,12 +341,8 @@ def _floor_values(
             "floor.rows": grid.shape[0],
             "floor.columns": grid.shape[1],
         }
-    rows = rows_of(grid)
-    # For a pattern, `resolve` returns its standard name, such as diagonal:0.46. A pattern whose fill ratio is written
-    # in another way, such as diagonal:.46, is not recognised here, so its tiles are stored too. For a file, `resolve`
-    # returns the name of the file, which is assumed to have no colon.
-    is_pattern = ":" in name and name == spec.strip().lower().replace("_", "-")
-    return {"floor.source": name, "floor.tiles": None if is_pattern else rows, "floor.values": None}
+    tiles = rows_of(grid) if family(spec) is None else None
+    return {"floor.source": name, "floor.tiles": tiles, "floor.values": None}
 
 
 def warnings_of(scenario: Scenario) -> list[str]:
