@@ -29,12 +29,13 @@ def list_patterns(
 ) -> None:
     """List the known patterns and their difficulty."""
     from vibroswarm.documents.floor import floors_document, paper_floors_document
-    from vibroswarm.floors.difficulty import measure, paper_table
+    from vibroswarm.floors.difficulty import measure
     from vibroswarm.floors.source import NAMES, pattern
     from vibroswarm.floors.surfaces import EXAMPLES
+    from vibroswarm.paper.difficulty_table import paper_table
 
     if paper:
-        print_document(paper_floors_document(paper_table()), as_json=json)
+        print_document(paper_floors_document(list(paper_table())), as_json=json)
         return
     measured = {name: measure(pattern(name)) for name in NAMES}
     remark = (

@@ -18,8 +18,6 @@ equations of the Moran index and of the entropy, after Bartashevich and Mostaghi
 Of several kinds of tile the products and squares of the Moran index are summed over the indicators of all kinds, and
 clusters are those of each kind but 0; both are the paper's for two kinds. Values have the Moran index of their numbers,
 and the clusters of tiles of 1/2 or more.
-
-The module also has the paper's table of difficulties, with the correct values beside the printed ones.
 """
 
 from __future__ import annotations
@@ -27,15 +25,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, as_tiles
-from vibroswarm.floors.source import pattern
-from vibroswarm.floors.surfaces import STEPS, steps_of
+from vibroswarm.floors.surfaces import STEPS
 
 
 @dataclass(frozen=True)
@@ -71,11 +67,6 @@ def moran_index(tiles: ArrayLike) -> float:
     if grid.max() > 1:
         return _moran_of([grid == kind for kind in range(int(grid.max()) + 1)])
     return _moran_of([grid])
-
-
-def moran_of_values(values: ArrayLike) -> float:
-    """Return the Moran index of a floor whose tiles have values, (rows, columns); nan if all are equal."""
-    return _moran_of([np.asarray(values, dtype=np.float64)])
 
 
 def _moran_of(grids: Sequence[NDArray[Any]]) -> float:
@@ -116,61 +107,17 @@ def entropy(tiles: ArrayLike, ones: int | None = None) -> float:
     """Return the entropy E_e of a floor (Eq. 5): 0 if every vibrating tile is alone, 1 if all form one cluster.
 
     Args:
-        tiles: (rows, columns) of 0 and 1.
-        ones: N_v, at least 2; None: the number of tiles that vibrate. Other values serve to reproduce the paper's
-            table, which uses N_v = 48 for all floors, even for those with 46 vibrating tiles.
-    Returns: in [0, 1] if ``ones`` is None. nan if no tile vibrates; and if ``ones`` is None and a single tile vibrates,
-        as H_c^max is then 0.
+        tiles: (rows, columns) of kinds, such as 0 and 1.
+        ones: N_v; None: the number of tiles that vibrate. Other values serve to reproduce the paper's table, which uses
+            N_v = 48 for all floors, even for those with 46 vibrating tiles.
+    Returns: in [0, 1] if ``ones`` is None; nan if no tile or a single one vibrates, as H_c^max is then 0.
     Raises:
-        InputError: ``tiles`` is not a rectangle of 0 and 1, or ``ones`` is below 2.
+        InputError: ``tiles`` is not a rectangle of kinds.
     """
     return _entropy(cluster_sizes(tiles), ones)
 
 
-def measure_floor(floor: Floor) -> Difficulty:
-    """Return all measures of a floor at time 0; patches, which no tile shows, count in the fill ratio alone."""
-    values = floor.surface.values
-    found = measure(floor.tiles, None if values is None else values / STEPS)
-    return replace(found, fill_ratio=floor.fill_ratio) if floor.has_patches else found
-
-
-def measure(tiles: ArrayLike, values: ArrayLike | None = None) -> Difficulty:
-    """Return all measures of a floor.
-
-    Args:
-        tiles: (rows, columns) of kinds, such as 0 and 1. values: of the same tiles, from 0 to 1; None: they have none.
-    Raises:
-        InputError: ``tiles`` is not a rectangle of kinds, or ``values`` is not one of numbers from 0 to 1, of the same
-            size.
-    """
-    grid = as_tiles(tiles)
-    if values is not None and (shape := steps_of(values, "values").shape) != grid.shape:
-        raise InputError(f"are of shape {shape}, and the tiles of {grid.shape}", field="values")
-    sizes = cluster_sizes(grid)
-    ones = int((grid == 1).sum())
-    return Difficulty(
-        rows=grid.shape[0],
-        columns=grid.shape[1],
-        ones=ones,
-        fill_ratio=ones / grid.size if values is None else float(np.mean(np.asarray(values))),
-        moran_index=moran_index(grid) if values is None else moran_of_values(values),
-        entropy=_entropy(sizes, None),
-        clusters=sizes.size,
-        largest_cluster=int(sizes[0]) if sizes.size else 0,
-    )
-
-
-def _entropy(sizes: NDArray[np.int64], ones: int | None) -> float:
-    """Return the entropy E_e of a floor.
-
-    Args:
-        sizes: number of tiles of each cluster of vibrating tiles. ones: N_v; None: the sum of ``sizes``.
-    Returns: nan if there are no clusters; and if ``ones`` is None and a single tile vibrates, as H_c^max is then 0.
-    Raises:
-        InputError: ``ones`` is below 2.
-    """
-    if ones is not None and ones < 2:
-        raise InputError(f"{ones} is too few; the entropy needs at least 2 vibrating tiles", field="ones")
+def _entropy(sizes: NDArray[np.int64], ones: int | None = None) -> float:
     total = int(sizes.sum()) if ones is None else ones
     if total < 2 or sizes.size == 0:
         return math.nan
@@ -180,61 +127,34 @@ def _entropy(sizes: NDArray[np.int64], ones: int | None) -> float:
     return max(0.0, (most + float(np.sum(shares * np.log2(shares)))) / most)
 
 
-_PRINTED: Final = {
-    "diagonal": (0.73, 1.00, 0.71, 0.99),
-    "stripe": (0.88, 1.00, 0.88, 0.99),
-    "block-diagonal": (0.76, 0.85, 0.75, 0.84),
-    "alternating": (-0.96, 0.00, -0.91, 0.00),
-    "random-fixed": (0.00, 0.51, -0.05, 0.46),
-}
-"""Printed values by pattern: Moran index and entropy at a fill ratio of 0.48, then Moran index and entropy at 0.46."""
-_PAPER_ONES: Final = 48
-"""The number N_v of vibrating tiles that the paper uses for all entropies."""
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One number of the paper's table.
+def measure(tiles: ArrayLike, values: ArrayLike | None = None) -> Difficulty:
+    """Return all measures of a floor.
 
     Args:
-        pattern: name of the floor, as in ``source.NAMES``. measure: "Moran index" or "entropy".
-        printed: the number in the paper.
-        as_the_paper: the number computed as the paper did, on the floor that it used and with N_v = 48.
-        right: the correct number, on the floor of the stated fill ratio and with its true N_v.
+        tiles: (rows, columns) of kinds, such as 0 and 1. values: of the same tiles, from 0 to 1; None: they have none.
+    Raises:
+        InputError: ``tiles`` is not a rectangle of kinds.
     """
+    grid = as_tiles(tiles)
+    sizes, ones = cluster_sizes(grid), int((grid == 1).sum())
+    found = Difficulty(
+        rows=grid.shape[0],
+        columns=grid.shape[1],
+        ones=ones,
+        fill_ratio=ones / grid.size,
+        moran_index=moran_index(grid),
+        entropy=_entropy(sizes),
+        clusters=sizes.size,
+        largest_cluster=int(sizes.max(initial=0)),
+    )
+    if values is None:
+        return found
+    numbers = np.asarray(values, dtype=np.float64)
+    return replace(found, fill_ratio=float(np.mean(numbers)), moran_index=_moran_of([numbers]))
 
-    pattern: str
-    measure: str
-    printed: float
-    as_the_paper: float
-    right: float
 
-    @property
-    def wrong(self) -> bool:
-        """Whether the printed number is not the correct one, rounded to two decimals."""
-        return abs(self.printed - self.right) > 0.005 + 1e-9  # 1e-9: for floating-point rounding
-
-
-def paper_table() -> list[Entry]:
-    """Return the 20 entries of the paper's table of Moran index and entropy, with the correct numbers."""
-    table: list[Entry] = []
-    for kind, (moran_48, entropy_48, moran_46, entropy_46) in _PRINTED.items():
-        for fill, printed_moran, printed_entropy in (
-            ("0.48", moran_48, entropy_48),
-            ("0.46", moran_46, entropy_46),
-        ):
-            name = f"{kind}:{fill}"
-            # At 0.46 the paper's alternating floor has 48 vibrating tiles; the correct one has 46.
-            used_by_paper = pattern("alternating:paper-0.46" if name == "alternating:0.46" else name)
-            correct = pattern(name)
-            table += [
-                Entry(
-                    name, "Moran index", printed_moran,
-                    as_the_paper=moran_index(used_by_paper), right=moran_index(correct),
-                ),
-                Entry(
-                    name, "entropy", printed_entropy,
-                    as_the_paper=entropy(used_by_paper, _PAPER_ONES), right=entropy(correct),
-                ),
-            ]  # fmt: skip
-    return table
+def measure_floor(floor: Floor) -> Difficulty:
+    """Return all measures of a floor at time 0; patches, which no tile shows, count in the fill ratio alone."""
+    values = floor.surface.values
+    found = measure(floor.tiles, None if values is None else values / STEPS)
+    return replace(found, fill_ratio=floor.fill_ratio) if floor.has_patches else found

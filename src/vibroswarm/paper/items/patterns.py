@@ -13,10 +13,10 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.floors.difficulty import paper_table
 from vibroswarm.paper.cell_tables import FIGURES, form_picture, two_forms
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
-from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES, published
+from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES
+from vibroswarm.paper.difficulty_table import FILLS, PATTERNS, paper_table
 from vibroswarm.paper.item import (
     CLAIMS,
     Cells,
@@ -30,17 +30,6 @@ from vibroswarm.paper.item import (
 )
 from vibroswarm.show.document import Column
 
-PATTERNS: Final = {
-    "diagonal": "diagonal",
-    "stripe": "stripe",
-    "block_diagonal": "block-diagonal",
-    "alternating": "alternating",
-    "random": "random-fixed",
-}
-"""The paper's five patterns and our names for them."""
-FILLS: Final = ("0.48", "0.46")
-"""Fill ratios as the paper names them; not all floors have exactly this share of vibrating tiles."""
-
 
 def compute_difficulty(work: Work) -> Tables:
     """Return the table of difficulty, and the claim's 20 measured values: printed - correct, without sampling error.
@@ -48,12 +37,9 @@ def compute_difficulty(work: Work) -> Tables:
     The table has one row for each pattern and measure (Moran index and entropy), with the printed value, the paper's
     computation and the right value.
     """
-    published_names = {own_name: name for name, own_name in PATTERNS.items()}
     rows, measured = [], []
     for entry in paper_table():
-        kind, _, fill = entry.pattern.partition(":")  # such as "stripe:0.48"
-        key = "moran" if entry.measure == "Moran index" else "entropy"
-        printed = float(published("patterns_10x10")[f"{key}_{fill}"][published_names[kind]])
+        printed = entry.printed
         # Remove the rounding errors of logarithms.
         as_paper, right = round(entry.as_the_paper, 12), round(entry.right, 12)
         rows.append((entry.pattern, entry.measure, printed, as_paper, right, printed - right))

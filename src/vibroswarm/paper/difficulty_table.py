@@ -1,0 +1,61 @@
+"""The paper's table of difficulties of five floor patterns, with the correct values beside the printed ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from vibroswarm.floors.difficulty import entropy, moran_index
+from vibroswarm.floors.source import pattern
+from vibroswarm.paper.columns import published
+
+PATTERNS: Final = {
+    "diagonal": "diagonal",
+    "stripe": "stripe",
+    "block_diagonal": "block-diagonal",
+    "alternating": "alternating",
+    "random": "random-fixed",
+}
+"""The paper's five patterns and our names for them."""
+FILLS: Final = ("0.48", "0.46")
+"""Fill ratios as the paper names them; not all floors have exactly this share of vibrating tiles."""
+_PAPER_ONES: Final = 48
+"""The number N_v of vibrating tiles that the paper uses for all entropies."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One number of the paper's table.
+
+    Args:
+        pattern: name of the floor, as in ``source.NAMES``. measure: "Moran index" or "entropy".
+        printed: the number in the paper.
+        as_the_paper: the number computed as the paper did, on the floor that it used and with N_v = 48.
+        right: the correct number, on the floor of the stated fill ratio and with its true N_v.
+    """
+
+    pattern: str
+    measure: str
+    printed: float
+    as_the_paper: float
+    right: float
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the printed number is not the correct one, rounded to two decimals."""
+        return abs(self.printed - self.right) > 0.005 + 1e-9  # 1e-9: for floating-point rounding
+
+
+def paper_table() -> Iterator[Entry]:
+    """Yield the 20 entries of the paper's table of Moran index and entropy, with the correct numbers."""
+    printed = published("patterns_10x10")
+    for paper_name, kind in PATTERNS.items():
+        for fill in FILLS:
+            name = f"{kind}:{fill}"
+            # At 0.46 the paper's alternating floor has 48 vibrating tiles; the correct one has 46.
+            used = pattern("alternating:paper-0.46" if name == "alternating:0.46" else name)
+            correct = pattern(name)
+            moran, ordered = (float(printed[f"{key}_{fill}"][paper_name]) for key in ("moran", "entropy"))
+            yield Entry(name, "Moran index", moran, moran_index(used), moran_index(correct))
+            yield Entry(name, "entropy", ordered, entropy(used, _PAPER_ONES), entropy(correct))
