@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vibroswarm.floors.place import place_of
+from vibroswarm.floors.floor import place_of
 from vibroswarm.recordings.spectrum import acceleration_frame
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples

@@ -13,7 +13,7 @@ from scipy.stats import kurtosis
 import vibroswarm as v
 from helpers.closed_loop import followed, reads_as_tables
 from vibroswarm.cli import main
-from vibroswarm.floors.place import Place
+from vibroswarm.floors.floor import Place
 from vibroswarm.observation.energy_model import error_rates, sensor_warnings
 from vibroswarm.observation.observe import Places, sense_program
 from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step

@@ -22,8 +22,7 @@ from vibroswarm.analysis.decidability import (
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.place import place_of
+from vibroswarm.floors.floor import Floor, place_of
 from vibroswarm.observation.decision_boundary import tiled_share
 from vibroswarm.observation.edge_response import vibration_probability
 from vibroswarm.observation.energy_model import error_rates

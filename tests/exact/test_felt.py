@@ -10,8 +10,7 @@ import polars as pl
 import pytest
 from scipy import stats
 
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.place import Place
+from vibroswarm.floors.floor import Floor, Place
 from vibroswarm.motion.source import MOTION
 from vibroswarm.observation.decision_boundary import sensed_shares_on
 from vibroswarm.observation.edge_response import nearest_of_kind, response_of

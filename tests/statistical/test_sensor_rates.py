@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from vibroswarm import sensors
-from vibroswarm.floors.place import Place, place_at
+from vibroswarm.floors.floor import Place, place_at
 from vibroswarm.observation.energy_model import claimed_rates, model_of
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import Samples

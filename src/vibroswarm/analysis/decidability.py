@@ -46,8 +46,7 @@ from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.analysis.intervals import ForJson, check_level, wilson_limits
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.errors import InputError, number_of
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.place import Place, place_of
+from vibroswarm.floors.floor import Floor, Place, place_of
 from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.observation.decision_boundary import (

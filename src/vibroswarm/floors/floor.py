@@ -18,15 +18,15 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from numbers import Real
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.errors import InputError, shown
+from vibroswarm.core.jit import kernel
+from vibroswarm.errors import InputError
 from vibroswarm.floors.changes import NO_CHANGES, Changes
-from vibroswarm.floors.surfaces import PLAIN, STEPS, Surface, rectangle
+from vibroswarm.floors.surfaces import PLAIN, STEPS, Box, Surface, rectangle
 
 TILE_LIMIT: Final = 4_000_000
 """Maximum number of tiles of a floor."""
@@ -39,13 +39,59 @@ KIND_LIMIT: Final = len(DIGITS)
 KINDS_IN_WORDS: Final = f"a tile is 0 (still) or 1 (vibrating), or another kind up to {KIND_LIMIT - 1}"
 """What a tile may be, for messages."""
 
+Geometry = tuple[int, int, float, float, float, float]
+"""Rows, columns, tile width and height, left and bottom of a floor, m."""
+
+
+class Place(NamedTuple):
+    """Grid and position of a floor, as kernels use it."""
+
+    rows: int
+    """Number of rows of tiles."""
+    columns: int
+    """Number of columns of tiles."""
+    width_m: float
+    """Width of a tile."""
+    height_m: float
+    """Height of a tile."""
+    left_m: float
+    """Left end of the floor."""
+    top_m: float
+    """Upper end of the floor."""
+
+
+def place_at(geometry: Geometry) -> Place:
+    """Return the grid and the position of a floor as kernels use them."""
+    rows, columns, width_m, height_m, left_m, bottom_m = geometry
+    return Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
+
+
+def place_of(floor: Floor) -> Place:
+    """Return the grid and the position of a floor as kernels use them."""
+    return place_at(floor.geometry)
+
+
+@kernel
+def tile_below(x_m: float, y_m: float, place: Place) -> int:
+    """Return the index of the tile under a point; -1 if no tile is there.
+
+    A point on the edge between two tiles belongs to the tile on the right, or to the lower one. A point on the right or
+    on the lower border of the floor is on no tile.
+    """
+    column = np.floor((x_m - place.left_m) / place.width_m)
+    row = np.floor((place.top_m - y_m) / place.height_m)
+    if column >= 0 and row >= 0 and column < place.columns and row < place.rows:
+        index: int = int(row) * place.columns + int(column)
+        return index
+    return -1
+
 
 @dataclass(frozen=True, eq=False)
 class Floor:
     """Tiles and their position.
 
     Args:
-        tiles: (rows, columns) of kinds, 0 (still), 1 (vibrating) up to 15, top row first.
+        tiles: (rows, columns) of kinds, 0 (still), 1 (vibrating) up to 15, top row first; copied.
         tile_width_m, tile_height_m: size of one tile, m.
         left_m, bottom_m: the floor's lower left corner in the arena, m.
         name: name of the floor in titles and results; equality ignores it.
@@ -53,8 +99,7 @@ class Floor:
         surface: values of tiles, and patches; by default kinds of tile say all.
 
     Raises:
-        InputError: there are no tiles, tiles that are no kinds, a size that is not finite and positive, a position
-            that is not finite, or changes that are not in order of time or not of these tiles.
+        InputError: ``tiles`` are no rectangle of kinds, or a size is not above 0.
     """
 
     tiles: NDArray[np.uint8]
@@ -67,55 +112,31 @@ class Floor:
     surface: Surface = PLAIN
 
     def __post_init__(self) -> None:
-        """Copy the tiles, so that they cannot be changed from outside, and check all fields except ``name``.
-
-        Raises:
-            InputError: a field is wrong.
-        """
         # The dataclass is frozen, so its field is set past its own __setattr__.
         object.__setattr__(self, "tiles", as_tiles(self.tiles))
         self.tiles.setflags(write=False)
-        for field in ("tile_width_m", "tile_height_m"):
-            _size_of(getattr(self, field), f"floor.{field}")
-        for field in ("left_m", "bottom_m"):
-            if not _is_finite(getattr(self, field)):
-                raise InputError(
-                    f"{shown(getattr(self, field))} is not a finite number", field=f"floor.{field}"
-                )
-        if self.is_changing:
-            self._check_changes()
-
-    def _check_changes(self) -> None:
-        """Refuse changes that are not in order of time, or whose tiles or kinds do not exist.
-
-        Raises:
-            InputError: as said.
-        """
-        time_s, tile, kind = self.changes
-        if not (np.isfinite(time_s).all() and time_s[0] > 0 and (np.diff(time_s) >= 0).all()):
-            raise InputError("times of changes must be above 0 and ascend", field="floor.changes")
-        if tile.min() < 0 or tile.max() >= self.tiles.size or kind.max() >= KIND_LIMIT:
-            raise InputError("a change names a tile or a kind that does not exist", field="floor.changes")
+        if not (0.0 < self.tile_width_m < math.inf and 0.0 < self.tile_height_m < math.inf):
+            raise InputError("width and height of a tile must be finite and above 0", field="floor")
 
     def __eq__(self, other: object) -> bool:
         """Return whether both floors have equal tiles at equal places, and equal changes; names are ignored."""
-        if not isinstance(other, Floor):
-            return NotImplemented
+        if not isinstance(other, Floor) or self.geometry != other.geometry:
+            return False
         mine, theirs = self.surface, other.surface
-        if self.geometry != other.geometry or mine.patches != theirs.patches:
-            return False
-        if (mine.values is None) != (theirs.values is None):
-            return False
-        values = [] if mine.values is None else [(mine.values, theirs.values)]
-        pairs = [(self.tiles, other.tiles), *values, *zip(self.changes, other.changes, strict=True)]
-        return all(np.array_equal(np.asarray(one), np.asarray(another)) for one, another in pairs)
+        pairs = [(self.tiles, other.tiles), *zip(self.changes, other.changes, strict=True)]
+        return (
+            mine.patches == theirs.patches
+            and np.array_equal(self._contrasts, other._contrasts)
+            and (mine.values is None) == (theirs.values is None)
+            and all(map(np.array_equal, *zip(*pairs, strict=True)))
+        )
 
     def __hash__(self) -> int:
         """Return a hash of what ``__eq__`` compares."""
         return hash((self.geometry, self.tiles.tobytes()))
 
     @property
-    def geometry(self) -> tuple[int, int, float, float, float, float]:
+    def geometry(self) -> Geometry:
         """Rows, columns, tile width and height, left and bottom (m)."""
         rows, columns = self.tiles.shape
         return rows, columns, self.tile_width_m, self.tile_height_m, self.left_m, self.bottom_m
@@ -134,30 +155,23 @@ class Floor:
         if not self.is_changing:
             return self
         until = int(np.searchsorted(self.changes.time_s, time_s, side="right"))
-        return self._with_tiles(self._after(self.tiles, slice(0, until)))
+        return self._after(self.tiles, slice(0, until))
 
     def stages(self) -> Iterator[tuple[float, Floor]]:
         """Yield the floor between its changes: the time from which it is so (s, 0 first), and a floor that stays."""
-        if not self.is_changing:
-            yield 0.0, self
-            return
-        tiles, times_s = self.tiles, self.changes.times_s
-        yield 0.0, self._with_tiles(tiles)
-        bounds = np.searchsorted(self.changes.time_s, times_s).tolist()
-        for time_s, low, high in zip(
-            times_s.tolist(), bounds, [*bounds[1:], self.changes.time_s.size], strict=True
-        ):
-            tiles = self._after(tiles, slice(low, high))
-            yield time_s, self._with_tiles(tiles)
+        floor = self.at(0.0)
+        yield 0.0, floor
+        times_s = self.changes.times_s
+        first = np.searchsorted(self.changes.time_s, times_s).tolist()
+        for time_s, low, high in zip(times_s.tolist(), first, [*first[1:], None], strict=True):
+            floor = self._after(floor.tiles, slice(low, high))
+            yield time_s, floor
 
-    def _after(self, tiles: NDArray[np.uint8], which: slice) -> NDArray[np.uint8]:
-        """Return a copy of ``tiles`` after these changes, of which a later one of the same tile counts."""
+    def _after(self, tiles: NDArray[np.uint8], which: slice) -> Floor:
+        """Return a floor with ``tiles`` after these changes, of which a later one of the same tile counts."""
         changed = tiles.copy()
         changed.ravel()[self.changes.tile[which]] = self.changes.kind[which]
-        return changed
-
-    def _with_tiles(self, tiles: NDArray[np.uint8]) -> Floor:
-        return Floor(tiles, *self.geometry[2:], name=self.name)
+        return Floor(changed, *self.geometry[2:], name=self.name)
 
     @property
     def has_patches(self) -> bool:
@@ -183,7 +197,7 @@ class Floor:
         patched_m2 = sum(patch.contrast * patch.area_m2 for patch in self.surface.patches)
         return _share_of(self._mean_value + patched_m2 / (rows * columns * width_m * height_m))  # Eq. 3
 
-    def box_within(self, width_m: float, height_m: float) -> tuple[float, float, float, float]:
+    def box_within(self, width_m: float, height_m: float) -> Box:
         """Return left, bottom, right and top, m, of the part inside an arena of ``width_m`` by ``height_m``."""
         rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = self.geometry
         right_m, top_m = left_m + columns * tile_width_m, bottom_m + rows * tile_height_m
@@ -200,9 +214,8 @@ class Floor:
         area that is inside.
 
         Raises:
-            InputError: a size is not a finite number above 0, or all tiles lie outside the arena.
+            InputError: all tiles lie outside the arena.
         """
-        width_m, height_m = _size_of(width_m, "width_m"), _size_of(height_m, "height_m")
         sides = sides_inside(self.geometry, width_m, height_m)
         if sides is None and self.surface is PLAIN:
             of_kind = self.tiles == kind
@@ -274,13 +287,10 @@ class Floor:
         Args:
             tiles: (rows, columns) of kinds, top row first. name: name of the floor.
         Raises:
-            InputError: ``tiles`` is not a rectangle of kinds, or a size is not a finite number above 0.
+            InputError: ``tiles`` is not a rectangle of kinds, or a size is not above 0.
         """
         grid = as_tiles(tiles)
-        width_m, height_m = _size_of(width_m, "width_m"), _size_of(height_m, "height_m")
-        return cls(
-            grid, tile_width_m=width_m / grid.shape[1], tile_height_m=height_m / grid.shape[0], name=name
-        )
+        return cls(grid, width_m / grid.shape[1], height_m / grid.shape[0], name=name)
 
     def tile_at(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.int32]:
         """Return the index of the tile under each point; -1 if no tile is there.
@@ -309,46 +319,22 @@ def _share_of(value: float) -> float:
 
 
 def refuse_changes(floor: Floor) -> None:
-    """Refuse a floor that changes, for what presumes that tiles stay as they are.
-
-    Raises:
-        InputError: the floor changes.
-    """
+    """Refuse a floor that changes, for what presumes that tiles stay as they are."""
     if floor.is_changing:
         raise InputError("changes during the run, and this presumes that it stays as it is", field="floor")
 
 
 def refuse_kinds(floor: Floor) -> None:
-    """Refuse a floor with more kinds of tile than two, for what distinguishes still and vibrating ones.
-
-    Raises:
-        InputError: there is another kind, at any time.
-    """
+    """Refuse a floor with more kinds of tile than two, at any time."""
     if any((stage.tiles > 1).any() for _, stage in floor.stages()):
         raise InputError(
             "has tiles of other kinds than 0 (still) and 1 (vibrating); this is for two", field="floor"
         )
 
 
-def _is_finite(value: object) -> bool:
-    """Return whether a value is a finite real number, of Python or NumPy."""
-    if type(value) is float:  # the most frequent case: ``isinstance`` with ``Real`` takes longer
-        return math.isfinite(value)
-    # isfinite would raise on an integer beyond the largest float, about 1.8e308; 10^300 is safely below that.
-    if isinstance(value, int) and abs(value) > 10**300:
-        return False
-    return isinstance(value, Real) and math.isfinite(value)
-
-
-def _size_of(value: float, field: str) -> float:
-    if not (_is_finite(value) and value > 0):
-        raise InputError(f"{shown(value)} is not a size; give a finite number above 0", field=field)
-    return value
-
-
 @lru_cache(maxsize=64)
 def sides_inside(
-    geometry: tuple[int, int, float, float, float, float], width_m: float, height_m: float
+    geometry: Geometry, width_m: float, height_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Return how much of the width of each column and of the height of each row lies inside an arena, m.
 
@@ -370,15 +356,9 @@ def sides_inside(
 
 
 def check_size(rows: int, columns: int) -> None:
-    """Refuse a floor without tiles, or with more than ``TILE_LIMIT`` tiles.
-
-    Raises:
-        InputError: the floor would have no tiles or too many.
-    """
-    if rows < 1 or columns < 1:
-        raise InputError(f"{rows} x {columns} is not a floor; give at least 1 x 1 tiles", field="tiles")
-    if rows * columns > TILE_LIMIT:
-        raise InputError(f"{rows} x {columns} tiles are too many; at most {TILE_LIMIT:,}", field="tiles")
+    """Refuse a floor without tiles, or with more than ``TILE_LIMIT`` tiles."""
+    if rows < 1 or columns < 1 or rows * columns > TILE_LIMIT:
+        raise InputError(f"{rows} x {columns} is no floor of 1 to {TILE_LIMIT:,} tiles", field="tiles")
 
 
 def rows_of(tiles: NDArray[np.uint8]) -> tuple[str, ...]:

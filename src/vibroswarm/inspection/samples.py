@@ -20,8 +20,7 @@ from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.place import Place
+from vibroswarm.floors.floor import Floor, Place
 from vibroswarm.observation.energy_model import (
     claimed_rates,
     energy_of,

@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import allocating_kernel, inner, kernel
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.place import Place, place_at, place_of
+from vibroswarm.floors.floor import Floor, Place, place_at, place_of
 from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.observation.edge_response import FAR, share_past, tiles_around, vibration_probability
 from vibroswarm.observation.energy_model import claimed_error_rates, error_rates, mean_shares_below, rates

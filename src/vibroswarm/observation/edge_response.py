@@ -31,8 +31,7 @@ from vibroswarm.core.elementary import exp
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.core.numbers import number
 from vibroswarm.core.rng import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.place import Place
+from vibroswarm.floors.floor import Floor, Place
 from vibroswarm.floors.surfaces import PLAIN, STEPS, edge_distance
 from vibroswarm.observation.energy_model import NO_CONTRASTS, factors_differ, is_sensed, shares_below
 from vibroswarm.scenario.fields import FloorField, Sensor

@@ -29,7 +29,7 @@ from vibroswarm import sensors
 from vibroswarm.core.elementary import exp, log
 from vibroswarm.core.quadrature import over_normal
 from vibroswarm.errors import InputError
-from vibroswarm.floors.place import Place
+from vibroswarm.floors.floor import Place
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import SensorModel
 from vibroswarm.sensors.claims import CLAIMED_AS_TRUE

@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, SENSING, uniform
-from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.place import Place, place_of, tile_below
+from vibroswarm.floors.floor import Floor, Place, place_of, tile_below
 from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.observation.edge_response import (
     Response,

@@ -33,7 +33,7 @@ from vibroswarm.core.jit import inner, kernel, signed
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.core.rng import ALONE, FIRST, HARDWARE, MOTOR, OF_SENSOR, VIBRATION, normal, uniform
 from vibroswarm.errors import InputError
-from vibroswarm.floors.place import Place, tile_below
+from vibroswarm.floors.floor import Place, tile_below
 from vibroswarm.robot.features import (
     POINTS,
     Band,

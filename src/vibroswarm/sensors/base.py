@@ -57,7 +57,7 @@ from vibroswarm.core.registry import Registry
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniforms
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, InputError, shown
-from vibroswarm.floors.place import Place
+from vibroswarm.floors.floor import Place
 from vibroswarm.floors.surfaces import mixed
 from vibroswarm.strategies.base import Plugin
 from vibroswarm.strategies.static_analysis import refuse_chance
