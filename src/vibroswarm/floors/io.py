@@ -158,12 +158,10 @@ def _tiles_of_text(text: str, name: str, size: Size | None) -> NDArray[np.uint8]
     if is_list and not cells:
         cells = [["0", "0", "0"]]  # no tile vibrates
     is_separated = all(len(row) > 1 for row in cells)
-    numbers = _numbers(cells if any(len(row) > 1 for row in cells) else [list(row[0]) for row in cells], name)
-    fits = size is None or size == numbers.shape
-    if is_separated and numbers.shape[1] == 2:
-        is_list |= not fits or numbers.max() > 1
-    if is_separated and numbers.shape[1] == 3:
-        is_list |= not fits
+    numbers = _numbers(cells if is_separated else [list("".join(row)) for row in cells], name)
+    fits, columns = size is None or size == numbers.shape, numbers.shape[1]
+    if is_separated and ((columns in (2, 3) and not fits) or (columns == 2 and numbers.max() > 1)):
+        is_list = True
     if is_list:
         return _tiles_of_list(numbers, name, size)
     with named(name, of="floor"):

@@ -84,15 +84,16 @@ FAMILIES: Final = tuple(dict.fromkeys(name.partition(":")[0] for name in NAMES))
 
 RANDOM: Final = "random"
 """Name of random floors, before the colon."""
-VALUES_OF: Final = "values:"
-"""What the name of a file with values of tiles begins with."""
 DEFAULT_SIZE: Final = (5, 5)
 """Rows and columns of a random floor of unspecified size: the paper's."""
 SUM_TO_1: Final = 1e-6
 """Largest difference from 1 of the sum of shares, which are written with few digits."""
 _FIELD: Final = "floor.source"
 """Field of errors about the name of a floor."""
-_SCALE: Final = re.compile(r"(-?\d*\.?\d+)\.\.(-?\d*\.?\d+):")
+_VALUES: Final = re.compile(
+    r"(?P<prefix>values:(?:(?P<low>-?\d*\.?\d+)\.\.(?P<high>-?\d*\.?\d+):)?)(?P<path>.*)", re.DOTALL
+)
+"""Name of a file with values of tiles, with the numbers that are the values 0 and 1."""
 
 
 # Kinds of names
@@ -332,12 +333,8 @@ def _is_file(spec: str) -> bool:
 
 def parts_of_file(spec: str) -> tuple[str, str]:
     """Return the name of a floor file in two parts: what stands before the path, such as ``values:3..12:``, and it."""
-    if not spec.startswith(VALUES_OF):
-        return "", spec
-    path = spec.removeprefix(VALUES_OF)
-    scale = _SCALE.match(path)
-    prefix = VALUES_OF + (scale[0] if scale else "")
-    return prefix, spec.removeprefix(prefix)
+    match = _VALUES.fullmatch(spec)
+    return (match["prefix"], match["path"]) if match else ("", spec)
 
 
 def beside(spec: str, folder: Path) -> str:
@@ -356,9 +353,9 @@ def values_in(spec: str, size: Size | None = None) -> tuple[tuple[tuple[float, .
     Raises:
         InputError: there is no such file, or it has no values.
     """
-    prefix, path = parts_of_file(spec)
-    if not prefix:
+    match = _VALUES.fullmatch(spec)
+    if match is None:
         return None
-    scale = _SCALE.fullmatch(prefix.removeprefix(VALUES_OF))
-    values = read_values(path, size, (float(scale[1]), float(scale[2])) if scale else (0.0, 1.0))
-    return tuple(tuple(row) for row in values.round(6).tolist()), Path(path).name
+    ends = float(match["low"] or 0.0), float(match["high"] or 1.0)
+    values = read_values(match["path"], size, ends)
+    return tuple(tuple(row) for row in values.round(6).tolist()), Path(match["path"]).name
