@@ -32,9 +32,10 @@ def list_patterns(
     from vibroswarm.floors.difficulty import measure
     from vibroswarm.floors.source import NAMES, pattern
     from vibroswarm.floors.surfaces import EXAMPLES
-    from vibroswarm.paper.difficulty_table import paper_table
 
     if paper:
+        from vibroswarm.paper.difficulty_table import paper_table
+
         print_document(paper_floors_document(list(paper_table())), as_json=json)
         return
     measured = {name: measure(pattern(name)) for name in NAMES}

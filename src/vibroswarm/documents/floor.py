@@ -15,11 +15,11 @@ from vibroswarm.errors import shown
 from vibroswarm.floors.difficulty import Difficulty, measure_floor
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.floors.surfaces import Patch
-from vibroswarm.paper.difficulty_table import Entry
 from vibroswarm.show.document import Column, Document, Figure, Table, Text, if_any
 
 if TYPE_CHECKING:  # their imports take long
     from vibroswarm.floors.design import FloorDesign
+    from vibroswarm.paper.difficulty_table import Entry
     from vibroswarm.plots.picture import Picture
 
 MEASURES: Final = {

@@ -48,7 +48,7 @@ NO_CHANGES: Final = Changes(np.empty(0), np.empty(0, dtype=np.int32), np.empty(0
 
 
 def grown(tiles: Tiles) -> Tiles:
-    """Return tiles of which those of kind 0 beside others become like the neighbour of the highest kind."""
+    """Grow damage by one tile: each still tile takes the highest kind of its neighbours."""
     padded = np.pad(tiles, 1)
     beside = (padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:])
     return np.where(tiles == 0, np.maximum.reduce(beside), tiles).astype(np.uint8)

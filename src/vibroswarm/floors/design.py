@@ -97,20 +97,19 @@ def make_floor(
     if entropy is not None:
         goal = goal._replace(entropy=number_of(entropy, "entropy", 0.0, 1.0), weight=1.0)
     seed = whole_number_of(seed, "seed", 0, 2**63 - 1)
-    best, difficulty = np.zeros((rows, columns), dtype=np.uint8), None
+    found: list[tuple[float, NDArray[np.uint8]]] = []  # the miss of each floor, and the floor
     for search, (start, hot) in enumerate(_starts(rows, columns, ones, goal, seed)):
-        cells = np.pad(start.astype(np.int64), 1).ravel()  # with a border of still cells, as ``anneal`` needs
-        found = _anneal(cells, rows, columns, goal, hot, seed, search).reshape(rows + 2, columns + 2)
-        tiles = found[1:-1, 1:-1].astype(np.uint8)
-        measured = measure(tiles)
-        if difficulty is None or goal.miss(measured) < goal.miss(difficulty):
-            best, difficulty = tiles, measured
-        if goal.miss(difficulty) <= TOLERANCE:
+        cells = np.pad(start.astype(np.int64), 1).ravel()
+        annealed = _anneal(cells, rows, columns, goal, hot, seed, search).reshape(rows + 2, columns + 2)
+        tiles = annealed[1:-1, 1:-1].astype(np.uint8)
+        found.append((goal.miss(measure(tiles)), tiles))
+        if found[-1][0] <= TOLERANCE:
             break
-    assert difficulty is not None
+    miss, tiles = min(found, key=lambda pair: pair[0])
+    difficulty = measure(tiles)
     slack = 1e-9  # rounding: |12 / 25 - 0.5| is slightly above 0.02 in double precision, and must pass
-    miss = max(goal.miss(difficulty), abs(difficulty.fill_ratio - fill_ratio))
-    return FloorDesign(best, difficulty, miss <= TOLERANCE + slack)
+    reached = max(miss, abs(difficulty.fill_ratio - fill_ratio)) <= TOLERANCE + slack
+    return FloorDesign(tiles, difficulty, reached)
 
 
 class _Goal(NamedTuple):

@@ -315,7 +315,7 @@ def _shares(spec: str) -> tuple[float, ...]:
 def _unknown(spec: str) -> InputError:
     known = (*NAMES, f"{RANDOM}:0.48", *EXAMPLES)
     return InputError(
-        f"{shown(spec)} is neither a floor nor a file{nearest(spec, known)}; there are {', '.join(known)}",
+        f"{shown(spec)} is neither a floor nor a file{nearest(spec, known)}; 'vibroswarm floors list' names the floors",
         field=_FIELD,
     )
 
