@@ -8,11 +8,9 @@ them on stderr.
 from __future__ import annotations
 
 import difflib
-import math
 import operator
-import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +27,7 @@ class InputError(ValueError):
 
     def __init__(self, message: str, *, field: str | None = None) -> None:
         self.field, self.reason = field, message
-        super().__init__(f"{shown_name(field)}: {message}" if field else message)
-
-
-def shown_name(name: object) -> str:
-    """Return a name for a message; of more than 300 characters, only the first 200 and their number."""
-    text = str(name)
-    return text if len(text) <= 300 else f"{text[:200]}... ({len(text)} characters)"
+        super().__init__(f"{field}: {message}" if field else message)
 
 
 @contextmanager
@@ -46,7 +38,7 @@ def in_file(path: Path) -> Iterator[None]:
     except InputError as error:
         if str(path) in str(error):
             raise
-        raise InputError(f"{error.reason} (in {shown_name(path)})", field=error.field) from None
+        raise InputError(f"{error.reason} (in {path})", field=error.field) from None
 
 
 @contextmanager
@@ -84,32 +76,9 @@ def nearest(word: object, known: Iterable[str], *, prefix: str = "", cutoff: flo
     return f", did you mean '{prefix}{match[0]}'?" if match else ""
 
 
-def check_format(version: object, newest: int, field: str | None = None) -> None:
-    """Refuse a file or folder whose format is not the one that this version of vibroswarm reads.
-
-    Args:
-        version: the format number found in the file, of any type. newest: number of the format that this version reads
-            and writes, the only one.
-        field: the file or folder, for the message.
-    Raises:
-        InputError: the format is older or newer. A ``version`` that is not an integer counts as newer.
-    """
-    if not isinstance(version, int) or version > newest:
-        raise InputError(
-            f"is of format {version!r}; this version reads format {newest}: update vibroswarm", field=field
-        )
-    if version < newest:
-        raise InputError(
-            f"is of an older format ({version}), which this version does not read; recreate it", field=field
-        )
-
-
 def shown(value: object) -> str:
     """Return the ``repr`` of a value for a message, cut to at most 60 characters."""
-    try:
-        text = repr(value)
-    except ValueError:  # an integer with more digits than Python converts to text
-        return "a number of thousands of digits"
+    text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
@@ -126,9 +95,7 @@ def whole_number_of(value: object, field: str, low: int, high: int) -> int:
     except TypeError:
         number = None
     if number is None or not low <= number <= high:
-        raise InputError(
-            f"{shown(value)} is wrong; give a whole number from {low} to {in_words(high)}", field=field
-        )
+        raise InputError(f"{shown(value)} is wrong; give a whole number from {low} to {high}", field=field)
     return number
 
 
@@ -164,24 +131,18 @@ def number_of(value: object, field: str, low: float = 0.0, high: float = 1e300) 
 def share_from(text: object, field: str) -> float:
     """Parse a percentage: ``"2%"`` is 0.02.
 
-    Args:
-        field: name of the field or option, for the message.
     Raises:
         InputError: it is no number with a percent sign, or not between 0 % and 100 %.
     """
-    from decimal import (  # only here: a command that reads no percentage starts faster
-        Decimal,
-        InvalidOperation,
-    )
+    from decimal import Decimal, InvalidOperation  # only here: most commands read no percentage
 
-    share = math.nan
-    if isinstance(text, str) and text.strip().endswith("%"):
-        with suppress(InvalidOperation):  # divided as a decimal, so that 21.9 % is the float 0.219
-            share = float(Decimal(text.strip()[:-1]) / 100)
-    if not 0 < share < 1:
-        raise InputError(
-            f"{shown(text)} is not a percentage above 0% and below 100%; give one such as 2%", field=field
-        )
+    words = str(text).strip()
+    try:  # divided as a decimal, so that 21.9 % is the float 0.219
+        share = float(Decimal(words.removesuffix("%")) / 100)
+    except InvalidOperation:
+        share = 0.0
+    if not words.endswith("%") or not 0 < share < 1:
+        raise InputError(f"{shown(text)} is not a percentage between 0% and 100%, such as 2%", field=field)
     return share
 
 
@@ -198,16 +159,10 @@ def check_choice(value: object, field: str, choices: Iterable[str]) -> None:
         )
 
 
-def check_known_keys(keys: Iterable[object], field: str, known: Iterable[object]) -> None:
-    """Refuse a table with a key that is not known.
-
-    Raises:
-        InputError: the message names the first such key and suggests the one with the most similar spelling.
-    """
-    there = list(map(str, known))
-    unknown = [str(key) for key in keys if key not in there]
-    if unknown:
-        raise InputError(f"unknown key '{unknown[0]}'{nearest(unknown[0], there)}", field=field)
+def check_known_keys(keys: Iterable[object], field: str, known: Iterable[str]) -> None:
+    """Refuse a table with a key that is not known; raises the error of ``check_choice``."""
+    for key in keys:
+        check_choice(key, field, known)
 
 
 def check_kind(value: object, kind: type | tuple[type, ...], field: str, words: str) -> None:
@@ -223,66 +178,15 @@ def check_kind(value: object, kind: type | tuple[type, ...], field: str, words: 
         raise InputError(f"{shown(value)} is not {words}", field=field)
 
 
-def check_flags(**flags: object) -> None:
-    """Refuse arguments, by name, that are neither True nor False; those of NumPy are accepted.
-
-    Raises:
-        InputError: a value is something else, such as "no", which Python would take for true.
-    """
-    for name, value in flags.items():
-        if type(value).__name__ not in ("bool", "bool_"):
-            raise InputError(f"{shown(value)} is wrong; give True or False", field=name)
-
-
-def check_callable(value: object, field: str) -> None:
-    """Refuse a value that is neither callable nor None.
-
-    Raises:
-        InputError: the value is something else.
-    """
-    if value is not None and not callable(value):
-        raise InputError(f"{shown(value)} is not a function", field=field)
-
-
-def path_of(value: object, field: str = "path") -> Path:
-    """Return a path, given as text or as an object that has one, as a ``Path``.
-
-    Raises:
-        InputError: the value is of another type.
-    """
-    check_kind(value, (str, os.PathLike), field, "a path")
-    return Path(value)  # type: ignore[arg-type]
-
-
-def check_keywords(given: Iterable[str], function: str, known: Iterable[str]) -> None:
-    """Refuse keyword arguments that a function does not have.
-
-    Args:
-        given: names of the arguments in the call. function: its name, for the message. known: names that it accepts.
-    Raises:
-        InputError: the message names the argument and suggests the known name with the most similar spelling.
-    """
-    choices = list(known)
-    for name in given:
-        if name not in choices:
-            raise InputError(f"{function}() has no such argument{nearest(name, choices)}", field=name)
-
-
-def in_words(number: int) -> str:
-    """Return a number as text, for messages: large numbers of the form 2^n - 1 as such, others in digits."""
-    power = (number + 1).bit_length() - 1
-    return f"2^{power} - 1" if number > 10**9 and number == 2**power - 1 else str(number)
-
-
-_warned: dict[str, object] = {}
-"""Warnings given so far, each with a mark of the call that gave it: of calls in several threads, one is the first."""
+_warned: set[str] = set()
+"""Warnings given so far."""
 
 
 def warn_once(message: str) -> None:
     """Log a warning the first time that it is given; in worker processes do nothing, as the main process warns."""
-    mark = object()
-    if _warned.setdefault(message, mark) is not mark:
+    if message in _warned:
         return
+    _warned.add(message)
     import logging  # both here, since most commands warn of nothing
     import multiprocessing
 

@@ -8,23 +8,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
 import numpy as np
 import polars as pl
-from polars.testing import assert_frame_equal
 
 from vibroswarm.core.atomic_io import MANIFEST, whole_file, whole_folder
-from vibroswarm.core.folders import about_file, check_definition, check_files, manifest_text, read_manifest
+from vibroswarm.core.folders import about_file, check_files, manifest_text, read_manifest
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
-from vibroswarm.core.rng import SEED_LIMIT
-from vibroswarm.core.tables import Schema, check_table, parquet_bytes, read_table
-from vibroswarm.core.untrusted_files import entry, texts, words
-from vibroswarm.errors import InputError, check_flags, check_kind, named, path_of, shown, whole_number_of
+from vibroswarm.core.tables import Schema, parquet_bytes, read_table
+from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.floor import DIGITS, Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
@@ -33,7 +29,6 @@ from vibroswarm.inference.reports import REPORTS
 from vibroswarm.localisation.locate import PLACES
 from vibroswarm.motion.source import ENDS, FAILURES, MOTION, MOVES, SEGMENTS
 from vibroswarm.observation.observe import MEASURED, OBSERVATIONS
-from vibroswarm.result_validation import check_result
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import FAULT_COLUMNS
 from vibroswarm.scenario.scenario import Scenario
@@ -65,72 +60,29 @@ CHANGES: Final[dict[str, Any]] = {
 }
 """Changes of floors during runs: which tile becomes which kind, and when; in this order of run, time and tile."""
 
-TABLES: Final[dict[str, dict[str, Any]]] = {
-    "motion": MOTION,
-    "ends": ENDS,
-    "segments": SEGMENTS,
-    "moves": MOVES,
-    "places": PLACES,
-    "observations": OBSERVATIONS,
-    "inference": INFERENCE,
-    "reports": REPORTS,
-    "robots": ROBOTS,
-    "runs": RUNS,
-    "floors": FLOORS,
-    "changes": CHANGES,
-    "faults": FAULT_COLUMNS,
-    "failures": FAILURES,
-}
-"""Columns of each table of a result, by name of the table."""
+SAMPLE: Final = ("run", "robot", "sample")
+"""Key of tables with a row for each sample."""
 
-NULLABLE: Final[dict[str, frozenset[str]]] = {
-    "motion": frozenset({"heading_rad", "drive_s", "turn_s", "avoid_s", "stop_s"}),
-    "ends": frozenset({"x_m", "y_m", "heading_rad", "stop_start_s"}),
-    "segments": frozenset(),
-    "moves": frozenset({"turn_rate_rad_s", "ray_m"}),
-    "places": frozenset(name for name in PLACES if name.startswith("lagged")),
-    "observations": frozenset({"energy"}),
-    "reports": frozenset({"value"}),
-    "inference": frozenset({"message", "alpha", "beta", "messages_received", "belief_below", "decision"}),
-    "robots": frozenset(
-        {"decision", "decision_time_s", "belief_at_decision", "belief_below", "belief_in_truth", "alpha", "beta",
-         "estimate", "estimate_spread", "messages_received"}
+TABLES: Final = {
+    "motion": Schema(MOTION, frozenset({"heading_rad", "drive_s", "turn_s", "avoid_s", "stop_s"}), SAMPLE),
+    "ends": Schema(ENDS, frozenset({"x_m", "y_m", "heading_rad", "stop_start_s"}), ("run", "robot")),
+    "segments": Schema(SEGMENTS),
+    "moves": Schema(MOVES, frozenset({"turn_rate_rad_s", "ray_m"})),
+    "places": Schema(PLACES, frozenset(name for name in PLACES if name.startswith("lagged")), SAMPLE),
+    "observations": Schema(OBSERVATIONS, frozenset({"energy"}), SAMPLE, MEASURED),
+    "inference": Schema(INFERENCE, frozenset(INFERENCE) - {*SAMPLE}, SAMPLE),
+    "reports": Schema(REPORTS, frozenset({"value"}), (*SAMPLE, "name", "index")),
+    "robots": Schema(ROBOTS, frozenset(ROBOTS) - {"run", "robot", "samples", "sent"}, ("run", "robot")),
+    "runs": Schema(
+        RUNS, frozenset({"consensus", "consensus_time_s", "truth", "right", "wrong", "undecided"}), ("run",)
     ),
-    "runs": frozenset({"consensus", "consensus_time_s", "truth", "right", "wrong", "undecided"}),
-    "floors": frozenset(),
-    "changes": frozenset(),
-    "faults": frozenset(),
-    "failures": frozenset(),
-}  # fmt: skip
-"""Columns that may be null: events that did not happen, and values that a recording cannot know."""
-
-OPTIONAL: Final = ("segments", "moves", "changes", "faults", "places", "reports", "failures")
-"""Tables that a result may lack; it has changes if a floor changes, faults if its scenario lets robots fail, places if
-robots estimate them, reports if its strategy declares any, and failures if a simulator of physics gave up a run."""
-
-KEYS: Final[dict[str, tuple[str, ...]]] = {
-    "motion": ("run", "robot", "sample"),
-    "ends": ("run", "robot"),
-    "segments": (),
-    "moves": (),
-    "places": ("run", "robot", "sample"),
-    "observations": ("run", "robot", "sample"),
-    "inference": ("run", "robot", "sample"),
-    "reports": ("run", "robot", "sample", "name", "index"),
-    "robots": ("run", "robot"),
-    "runs": ("run",),
-    "floors": ("run",),
-    "changes": ("run", "time_s", "tile"),
-    "faults": ("run", "robot", "fault"),
-    "failures": ("run",),
+    "floors": Schema(FLOORS, key=("run",)),
+    "changes": Schema(CHANGES, key=("run", "time_s", "tile")),
+    "faults": Schema(FAULT_COLUMNS, key=("run", "robot", "fault")),
+    "failures": Schema(FAILURES, key=("run",)),
 }
-"""Columns that identify a row of each table; empty if the table has no such columns."""
-FURTHER: Final[dict[str, Any]] = {"observations": MEASURED}
-"""Type of further columns of tables that may have some."""
-SCHEMAS: Final = {
-    name: Schema(columns, NULLABLE[name], KEYS[name], FURTHER.get(name)) for name, columns in TABLES.items()
-}
-"""Columns, nullable columns and keys of each table."""
+"""Columns and keys of each table of a result, and the columns that may be null: events that did not happen, and values
+that a recording cannot know."""
 
 
 def code_files(scenarios: Iterable[Scenario], *others: str) -> dict[str, str]:
@@ -240,16 +192,17 @@ class Result(NotebookView):
 
         Optional tables must be absent in both or in neither. nan equals nan, and 0.0 equals -0.0.
         """
-        for name in TABLES:
-            mine, theirs = getattr(self, name), getattr(other, name)
-            if (mine is None) != (theirs is None):
-                return False
-            try:
-                if mine is not None:
-                    assert_frame_equal(mine, theirs, check_exact=True)
-            except AssertionError:
-                return False
-        return True
+        pairs = [(getattr(self, name), getattr(other, name)) for name in TABLES]
+        return all(
+            (mine is None and theirs is None)
+            or (
+                mine is not None
+                and theirs is not None
+                and mine.schema == theirs.schema
+                and mine.equals(theirs)
+            )
+            for mine, theirs in pairs
+        )
 
     def floor(self, run: int = 0) -> Floor:
         """Return the floor of a run, with its changes.
@@ -274,43 +227,6 @@ class Result(NotebookView):
         geometry = (row["tile_width_m"], row["tile_height_m"], row["left_m"], row["bottom_m"])
         return Floor(tiles, *geometry, name=row["name"], changes=self._changes_of(run))  # type: ignore[arg-type]
 
-    def check(self, run: int | None = None) -> None:
-        """Check the tables as ``read`` does, as a program may have altered them.
-
-        Args:
-            run: check the rows of this run only, which takes less time; by default those of all runs.
-        Raises:
-            InputError: ``run`` is not a whole number, or a table is missing or does not fit the others or the scenario;
-                the message names the column.
-        """
-        run = None if run is None else whole_number_of(run, "run", 0, 2**32 - 1)
-        frames: dict[str, Any] = {name: getattr(self, name) for name in TABLES}
-        for name, frame in frames.items():
-            if frame is None and name in OPTIONAL:
-                continue
-            check_kind(frame, pl.DataFrame, f"result.{name}", "a polars data frame")
-            if run is not None and frame.schema.get("run", pl.Null()).is_integer():
-                frame = frame.filter(pl.col("run") == run)
-            frames[name] = check_table(frame, SCHEMAS[name], f"result.{name}", name)
-        if run is not None and frames["runs"].is_empty():
-            raise InputError(f"there is no run {run} in this result", field="run")
-        check_result(frames, self.scenario, None, simulated=self.seed is not None)
-
-    @contextmanager
-    def check_on_error(self) -> Iterator[None]:
-        """Run ``check`` if the ``with`` block fails: an altered table is a better reason than the error that it caused.
-
-        Results that are sound cost nothing; checking first would cost more than replaying a simple strategy.
-
-        Raises:
-            InputError: as of ``check``; if the tables are sound, the error of the block is raised.
-        """
-        try:
-            yield
-        except Exception:  # of any kind: nothing is swallowed, an unsound table is only named first
-            self.check()
-            raise
-
     def _changes_of(self, run: int) -> Changes:
         """Return the changes of a run's floor."""
         if self.changes is None:
@@ -327,8 +243,7 @@ class Result(NotebookView):
             InputError: ``path`` exists and may not be replaced, or it cannot be written.
             RunError: the disk is full or failed.
         """
-        check_flags(replace=replace)
-        with named("path", of="--out"), whole_folder(path_of(path), replace=replace) as part:
+        with whole_folder(Path(path), replace=replace) as part:
             self.write_into(part)
 
     def write_into(self, folder: Path) -> None:
@@ -370,63 +285,43 @@ class Result(NotebookView):
         """Read a result from the folder ``path`` that ``write`` wrote; it equals the result that was written.
 
         Raises:
-            InputError: the folder is not a result, its format is older or newer, a table is damaged or missing, tables
-                do not fit each other or the scenario, or the scenario is not the one that the manifest names.
+            InputError: the folder is not a result, its format is older or newer, or a file is damaged or missing.
         """
-        folder = path_of(path)
-        about = head_of(folder)
-        result = cls._read(folder, about)
-        check_files(about, folder)  # after the checks of the values, which name the column
-        return result
+        return cls._read(Path(path))
 
     @classmethod
-    def _read(cls, folder: Path, about: Mapping[str, Any]) -> Result:
-        """Read a result whose manifest is read already, and check its values."""
-        seed, source, names = about["seed"], about["source"], about["tables"]
-        frames = {name: _read_table(folder, name) if name in names else None for name in TABLES}
-        missing = [name for name in TABLES if frames[name] is None and name not in OPTIONAL]
-        if missing:
-            raise InputError(f"its manifest names no table '{missing[0]}'", field=str(folder))
+    def _read(cls, folder: Path) -> Result:
+        """Read what every result has, also of a recording."""
+        about = read_manifest(folder, "result", "recording")
+        check_files(about, folder)
         scenario = Scenario.read(folder / SCENARIO)
-        check_definition(folder / SCENARIO, scenario.hash, about["scenario_hash"], about["versions"])
-        check_result(frames, scenario, folder, simulated=seed is not None)
-        versions = about["versions"]
-        return Result(scenario=scenario, seed=seed, source=source, versions=versions, **frames)  # type: ignore[arg-type]  # tables by name
+        frames: dict[str, Any] = dict.fromkeys(TABLES)
+        for name in about["tables"]:
+            frames[name] = read_table(folder / f"{name}.parquet", TABLES[name], name)
+        _check_robots(frames, scenario.swarm.robots, folder)
+        head = {name: about[name] for name in ("seed", "source", "versions")}
+        return Result(scenario=scenario, **head, **frames)
 
 
-def _read_table(folder: Path, name: str) -> pl.DataFrame:
-    """Read one table of a result, and check its columns against its schema.
+def _check_robots(frames: Mapping[str, pl.DataFrame], robots: int, folder: Path) -> None:
+    """Check that ``ends`` and ``robots`` have each robot of each run in order, and that floors have the same runs.
 
-    Raises:
-        InputError: the table is missing or damaged, or does not have the columns of its schema.
+    Args:
+        frames: tables by name. robots: number in the scenario. folder: of the result, for messages.
     """
-    return read_table(folder / f"{name}.parquet", SCHEMAS[name], name)
-
-
-def head_of(folder: Path) -> dict[str, Any]:
-    """Read and check the manifest of a result.
-
-    Returns: seed (None: recorded), source, tables, scenario_hash, versions and files by name.
-
-    Raises:
-        InputError: there is no manifest of a result, or one of its entries is missing or wrong.
-    """
-    path = folder / MANIFEST
-    about = read_manifest(folder, "result", "recording")
-    source = entry(about, "source", str, path)
-    # Only recordings have no seed.
-    recorded = about.get("seed") is None and source.startswith(RECORDED)
-    seed = None if recorded else entry(about, "seed", int, path)
-    if seed is not None and not 0 <= seed < SEED_LIMIT:
-        raise InputError(f"its seed, {seed}, is not a seed", field=str(path))
-    return {
-        "files": entry({"files": {}, **about}, "files", dict, path),
-        "seed": seed,
-        "source": source,
-        "tables": words(entry(about, "tables", list, path), "tables", path),
-        "scenario_hash": entry(about, "scenario_hash", str, path),
-        "versions": texts(entry(about, "versions", dict, path), "versions", path),
-    }
+    runs = frames["runs"]["run"]
+    expected = pl.DataFrame(
+        {"run": np.repeat(runs, robots), "robot": np.tile(np.arange(robots), runs.len())},
+        schema={"run": pl.UInt32, "robot": pl.UInt16},
+    )
+    for name in ("ends", "robots"):
+        if runs.is_empty() or not frames[name].select("run", "robot").equals(expected):
+            raise InputError(
+                f"has not one row for each of {robots} robots in each run",
+                field=str(folder / f"{name}.parquet"),
+            )
+    if not frames["floors"]["run"].equals(runs):
+        raise InputError("has not the runs of the table 'runs'", field=str(folder / "floors.parquet"))
 
 
 def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:

@@ -17,7 +17,7 @@ from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.jit import source_hash
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.ticks import reached
-from vibroswarm.errors import InputError, check_callable, check_flags, check_kind, shown, whole_number_of
+from vibroswarm.errors import InputError, check_kind, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
@@ -71,8 +71,6 @@ def simulate(
     """
     check_threads()
     check_scenario(scenario)
-    check_callable(progress, "progress")
-    check_flags(segments=segments, moves=moves, energies=energies)
     seed, chosen = check_seed(seed), check_runs(seed, runs)
     motion = plugins.resolve_code("motion", motion) if plugins.is_code(motion) else motion
     # These two calls refuse scenarios that cannot be simulated before any work is done.
@@ -154,12 +152,7 @@ def replay(result: Result, scenario: Scenario) -> Result:
             "replay a result of a strategy that does not steer, such as 'none'",
             field="result",
         )
-    with result.check_on_error():
-        return _replayed(result, result.seed, scenario)
-
-
-def _replayed(result: Result, seed: int, scenario: Scenario) -> Result:
-    """Return what ``replay`` does, of arguments that it has checked."""
+    seed = result.seed
     runs = result.runs["run"].to_list()
     motion = Motion(
         samples=result.motion,

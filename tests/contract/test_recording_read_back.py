@@ -179,7 +179,7 @@ def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_pa
 
 def test_tables_are_written_as_csv_all_or_none(recording: Recording, tmp_path: Path) -> None:
     (tmp_path / "runs.csv").write_text("mine", encoding="utf-8")
-    with pytest.raises(InputError, match=r"runs\.csv' exists already"):
+    with pytest.raises(InputError, match=r"runs\.csv: exists already"):
         write_csv(recording, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["runs.csv"]
     write_csv(recording, str(tmp_path), replace=True)

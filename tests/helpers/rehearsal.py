@@ -19,7 +19,7 @@ from helpers.scene import BLACK, OF_BOARD, PAPER, Look, Scene, poses_at, scene_o
 from helpers.video_writer import VideoWriter
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.rng import Purpose, uniforms
-from vibroswarm.core.tables import csv_bytes, write_frame
+from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 from vibroswarm.tracking import opencv
@@ -199,7 +199,7 @@ def _write_truth(
         "hidden": hidden.ravel(),
     }
     with whole_file(path, replace=replace) as part:
-        write_frame(pl.DataFrame(columns).cast(TRUTH), part)  # type: ignore[arg-type]
+        pl.DataFrame(columns).cast(TRUTH).write_parquet(part)  # type: ignore[arg-type]
 
 
 def robot_log(result: Result, run: int, markers: Markers, clock_offset_s: float) -> pl.DataFrame:

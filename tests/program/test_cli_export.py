@@ -39,9 +39,7 @@ def test_a_library_is_written_once(library: Path, capsys: pytest.CaptureFixture[
         "src/vibroswarm_runtime.h",
     ]  # fmt: skip
     before = (library / "src" / "vibroswarm.c").read_text()
-    assert f"DIR: '{library}' exists already" in refusal_of(
-        capsys, "export", "c", library, "--strategy", "none"
-    )
+    assert f"{library}: exists already" in refusal_of(capsys, "export", "c", library, "--strategy", "none")
     assert (library / "src" / "vibroswarm.c").read_text() == before
 
 

@@ -128,7 +128,7 @@ BAD = {
     "--robots 901": ("swarm.robots", "at most 900"),
     "--robots -3": ("swarm.robots", "-3"),
     "--seed -1": ("seed", "-1"),
-    "--seed 9223372036854775808": ("seed", "2^63"),
+    "--seed 9223372036854775808": ("seed", "9223372036854775807"),
     "--seed x": ("--seed", "'x' is not a whole number"),
     "--scenario nowhere.toml": ("nowhere.toml", "cannot be read"),
     "--energies nowhere.csv": ("nowhere.csv", "cannot be read"),

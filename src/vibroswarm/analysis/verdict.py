@@ -124,15 +124,9 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
     Args:
         run: number of the run; by default the first run of the result.
     Raises:
-        InputError: ``result`` is not a ``Result``, holds no such run, or has tables that do not pass ``Result.check``.
+        InputError: ``result`` is not a ``Result``, or holds no such run.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
-    with result.check_on_error():
-        return _verdict(result, run)
-
-
-def _verdict(result: Result, run: int | None) -> Verdict:
-    """Return what ``verdict`` does; the tables of the result may be unsound."""
     available = result.runs["run"].to_list()
     run = int(available[0]) if run is None and available else run
     if not isinstance(run, int | np.integer) or run not in available:

@@ -27,7 +27,7 @@ from vibroswarm.calibrate.similarity import (
 )
 from vibroswarm.core.atomic_io import make_folder
 from vibroswarm.core.numbers import number
-from vibroswarm.errors import InputError, check_kind, path_of
+from vibroswarm.errors import InputError, check_kind
 from vibroswarm.plots.picture import save_figure
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -226,7 +226,7 @@ def write_comparison_pictures(
     Returns:
         Paths of the pictures: the features in the order of ``FEATURES``, then ``together.png``.
     """
-    folder = path_of(folder, "folder")
+    folder = Path(folder)
     make_folder(folder)
     chosen: dict[str, tuple[str, ...]] = {name: (name,) for name in FEATURES if name not in found.missing}
     chosen["together"] = FEATURES  # of which ``comparison_figure`` leaves out the missing ones

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Final, NoReturn, TextIO
 
 from vibroswarm.cli import interruption
-from vibroswarm.errors import InputError, RunError, named, shown_name
+from vibroswarm.errors import InputError, RunError, named
 
 INTERRUPTED: Final = 130
 """Exit code of a command that Ctrl-C ended."""
@@ -196,7 +196,7 @@ def _failed_with(error: OSError) -> int:
         cause, number, name = of_polars[1], int(of_polars[2]), of_polars[3]
     if name is not None:
         code = 2 if number in USER_ERRORS else 1
-        return _failed(f"{shown_name(name)}: cannot be used: {cause}", code)
+        return _failed(f"{name}: cannot be used: {cause}", code)
     if number == errno.ENOENT and _is_working_folder_gone():  # `os.getcwd` has no name to give
         return _failed("the working folder was removed; change to another one", 2)
     if number is None or number == errno.ENOENT:  # raised by a library, such as one that cannot be loaded

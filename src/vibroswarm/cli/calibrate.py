@@ -74,8 +74,7 @@ def compare(
     recorded, simulation = read_result(real), read_result(simulated[0])
     comparison = compare(recorded, simulation, camera=camera)
     if picture is not None:
-        with named("--picture", of="--out"):
-            write_comparison_picture(recorded, simulation, comparison, picture)
+        write_comparison_picture(recorded, simulation, comparison, picture)
     if pictures is not None:
         refuse(pictures.is_file(), str(pictures), "is a file; give the name of a folder")
         write_comparison_pictures(recorded, simulation, comparison, pictures)

@@ -10,7 +10,6 @@ from vibroswarm.cli.deliver import print_document, print_saved_file
 from vibroswarm.cli.options import Force, Json, ScenarioOptions
 from vibroswarm.cli.scenario_options import scenario_from
 from vibroswarm.core.atomic_io import check_folder, whole_folder
-from vibroswarm.errors import named
 
 
 def c(
@@ -32,10 +31,9 @@ def c(
     from vibroswarm.export.exported import export_library
 
     # Refuse the folder before the work. --force replaces a folder only if it holds the file MARKER, as a library does.
-    with named("DIR", of="--out"):
-        check_folder(folder, replace=force, marker=MARKER)
+    check_folder(folder, replace=force, marker=MARKER)
     made = scenario_from(scenario)
-    with named("DIR", of="--out"), whole_folder(folder, replace=force, marker=MARKER) as part:
+    with whole_folder(folder, replace=force, marker=MARKER) as part:
         found = export_library(made, part)
     print_document(found, as_json=json)
     begin = "examples/inspection/inspection.ino"

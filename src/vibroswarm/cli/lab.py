@@ -255,10 +255,9 @@ def threshold(
 def _check_scenario_files(out: Path | None, law: Path | None, base: str | None, *, force: bool) -> None:
     refuse(base and not out and not law, "--base", "has no effect without --out FILE or --law FILE")
     refuse(law and law == out, "--law", "is also the file of --out; the law's scenario has the threshold too")
-    for option, path in (("--out", out), ("--law", law)):
+    for path in (out, law):
         if path is not None and not force:
-            with named(option, of="--out"):
-                check_free(path)
+            check_free(path)
 
 
 def spectrum(

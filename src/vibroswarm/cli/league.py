@@ -227,7 +227,7 @@ def _runs_beside(out: Path, force: bool, *asked: object) -> Iterator[Path]:
     Raises:
         InputError: the folder holds something else, and would be removed at the end; or another process uses it.
     """
-    from vibroswarm.core.folders import has_manifest, matching, read_definition
+    from vibroswarm.core.folders import has_manifest, read_manifest
     from vibroswarm.documents.saved import begin, hash_of, refuse_other
     from vibroswarm.study.executors import different_versions
 
@@ -235,8 +235,8 @@ def _runs_beside(out: Path, force: bool, *asked: object) -> Iterator[Path]:
 
     def check(folder: Path) -> None:
         refuse_other(folder, "league tune", work)
-        for round_ in filter(has_manifest, matching(folder, "*")):
-            if different := different_versions(read_definition(round_, "study")["versions"]):
+        for round_ in filter(has_manifest, folder.glob("*")):
+            if different := different_versions(read_manifest(round_, "study")["versions"]):
                 raise InputError(f"was begun by other versions ({different})", field=str(folder))
 
     folder = folder_of_runs(out)

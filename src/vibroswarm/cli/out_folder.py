@@ -21,10 +21,8 @@ from typing import Any
 from vibroswarm.cli.interruption import saves_in
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.core.atomic_io import (
-    OURS,
-    refuse_unremovable,
-    refuse_unwritable,
-    refuse_working_folder,
+    check_folder,
+    check_writable,
     remove_folder,
 )
 from vibroswarm.errors import InputError
@@ -63,10 +61,9 @@ def claim(
         leads_nowhere = out.is_symlink() and not out.exists()
         what = "is a symbolic link to nothing" if leads_nowhere else "is a file"
         raise InputError(f"{what}; give the name of a folder", field=str(out))
-    refuse_unwritable(out)
+    check_writable(out)
     if not at_once:
-        refuse_unwritable(out.absolute().parent)  # in which the new folder is made
-        refuse_working_folder(out)
+        check_writable(out.absolute().parent)  # in which the new folder is made
     # A missing or empty folder is accepted. A link is checked even if it leads to such a folder.
     try:
         if not out.is_symlink() and (not out.exists() or (out.is_dir() and not any(out.iterdir()))):
@@ -91,13 +88,6 @@ def claim(
             raise InputError(
                 f"{why}; give another --out, or add --force to replace it", field=str(out)
             ) from None
-        if not any((out / name).exists() for name in OURS):
-            raise InputError(
-                f"'{out}' is not a vibroswarm result, so --force does not replace it",
-                field="--out",
-            ) from None
-        # --force is given, and vibroswarm wrote the folder.
+        check_folder(out, replace=True)
         if at_once:
             remove_folder(out)
-        else:
-            refuse_unremovable(out)

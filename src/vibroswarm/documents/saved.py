@@ -17,9 +17,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from vibroswarm.core.atomic_io import MANIFEST, remove_leftovers, write_files
+from vibroswarm.core.atomic_io import MANIFEST, write_files
 from vibroswarm.core.folders import REPORT, check_files, has_manifest, manifest_text, read_manifest
-from vibroswarm.core.untrusted_files import entry
 from vibroswarm.errors import InputError, shown, warn_once
 from vibroswarm.show.data import document_from, document_values
 from vibroswarm.show.document import Document
@@ -79,7 +78,6 @@ def refuse_other(folder: Path, command: str, work: str = "") -> None:
     Raises:
         InputError: the folder is refused.
     """
-    remove_leftovers(folder)
     if all(path.name.startswith(".") for path in folder.iterdir()):
         return  # killed before it had written its manifest, or locked
     there = read_manifest(folder)
@@ -102,10 +100,9 @@ def refuse_other_run(folder: Path, scenario: Scenario, seed: int, motion: str) -
         InputError: the folder is refused.
     """
     from vibroswarm.core.jit import source_hash
-    from vibroswarm.result import head_of
 
     try:
-        there = head_of(folder)
+        there = read_manifest(folder, "result")
     except InputError as error:
         raise InputError(f"exists already: {error.reason}", field=str(folder)) from None
     if there["versions"].get("code") != source_hash():
@@ -155,5 +152,4 @@ def read_printed(folder: Path) -> Shown | None:
     if not os.path.lexists(path):  # what is there but is no plain file is refused below
         return None
     values = read_manifest(path, "document")
-    command, document = entry(values, "command", str, path), entry(values, "document", dict, path)
-    return Shown((document_from(document, str(path)),), command)
+    return Shown((document_from(values["document"], str(path)),), values["command"])

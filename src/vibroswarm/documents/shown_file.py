@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
-from vibroswarm.core.folders import check_files, check_written, kind_of, read_manifest
+from vibroswarm.core.folders import check_files, kind_of, read_manifest
 from vibroswarm.core.tables import MAX_BYTES, read_frame
-from vibroswarm.core.untrusted_files import check_plain, entry, parsed_toml, read_bytes, read_text
+from vibroswarm.core.untrusted_files import check_plain, parsed_toml, read_bytes, read_text
 from vibroswarm.documents.saved import PRINTED, Shown, read_printed
 from vibroswarm.errors import InputError, shown
 from vibroswarm.show.document import Document
@@ -141,7 +141,6 @@ def _frame(path: Path) -> pl.DataFrame:
         InputError: it cannot be read.
     """
     if path.suffix != ".csv":
-        check_written(path, PRINTED)
         return read_frame(path, path.stem)
     check_plain(path, MOST_CSV, "a table")
     with path.open("rb") as stream:
@@ -214,7 +213,7 @@ def _result_document(folder: Path, kind: str | None) -> Document:
     if kind == "results" and not any(
         path.suffix in TABLES or path.name == PRINTED for path in folder.iterdir()
     ):
-        command = entry(read_manifest(folder), "command", str, folder)
+        command = read_manifest(folder)["command"]
         again = f"Not finished. Run the same {shown(f'vibroswarm {command}')} command again."
         return Document(title=str(folder), answer=(again,))
     if kind not in ("result", "recording"):

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.numbers import percent, whole
 from vibroswarm.core.untrusted_files import read_bytes
-from vibroswarm.errors import InputError, named, number_of, path_of, warn_once
+from vibroswarm.errors import InputError, named, number_of, warn_once
 from vibroswarm.floors.floor import as_tiles, check_size, rows_of
 from vibroswarm.floors.surfaces import steps_of
 
@@ -83,7 +83,7 @@ def read_tiles(
         InputError: the file cannot be read or is not a floor, a picture has more than ``MOST_PIXELS`` and no ``tiles``,
             or ``threshold`` is out of range.
     """
-    data, name = read_bytes(path_of(path), FILE_LIMIT, "a floor"), str(path)
+    data, name = read_bytes(Path(path), FILE_LIMIT, "a floor"), str(path)
     if _is_picture(data):
         return _tiles_of_picture(_grey(data, name), name, tiles, threshold)
     return _tiles_of_text(_decoded(data, name), name, tiles)
@@ -308,7 +308,7 @@ def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = F
             known; ``path`` is a folder, or exists and ``replace`` is false; or its folder cannot be written.
         RunError: the disk is full or failed.
     """
-    path, grid = path_of(path), as_tiles(tiles)
+    path, grid = Path(path), as_tiles(tiles)
     kind = check_suffix(path)
     if kind == ".png" and grid.max() > 1:
         raise InputError("a picture holds two kinds of tile; end the name with .csv", field="--out")

@@ -16,9 +16,7 @@ from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import (
     InputError,
-    check_callable,
     check_choice,
-    check_flags,
     check_kind,
     number_of,
     shown,
@@ -195,8 +193,6 @@ def inspect(
     """
     known: Laws = str(laws) if isinstance(laws, Path) else laws
     _check_types(source, known)
-    check_flags(bits=bits)
-    check_callable(progress, "progress")
     run, seed = whole_number_of(run, "run", 0, 2**32 - 1), check_seed(seed)
     spread_m = number_of(spread_m, "spread_m")
     size_m = None if size_m is None else _pair_of(size_m, "size_m", LEAST_M)
@@ -293,9 +289,8 @@ def _samples_of(
         source = read_result(Path(source))
     if isinstance(source, Scenario):
         source = simulate(source, seed, [run])
-    with source.check_on_error():
-        law = _law_of(source, run, laws, spreads, draws)
-        return samples_of_result(source, run, law, bits=bits, spread_m=spread_m)
+    law = _law_of(source, run, laws, spreads, draws)
+    return samples_of_result(source, run, law, bits=bits, spread_m=spread_m)
 
 
 def _refuse_given(values: dict[str, Any], words: str) -> None:

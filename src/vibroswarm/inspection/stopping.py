@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.child_python import processors
-from vibroswarm.errors import InputError, check_flags, check_kind, keep_plain, number_of, shown
+from vibroswarm.errors import InputError, check_kind, keep_plain, number_of, shown
 from vibroswarm.floors.surfaces import place_within
 from vibroswarm.inspection.damage import (
     by_laws,
@@ -103,7 +103,6 @@ class Question:
         """Refuse values of another type, probabilities outside (0, 1), and contrasts outside (0, 1]."""
         keep_plain(self)
         check_kind(self.contrasts, tuple, "--contrasts", "a tuple of numbers, such as (1.0, 0.5)")
-        check_flags(strict=self.strict)
         number_of(self.least_m, "least_m", 1e-3)
         for name in ("prior", "risk", "level", "loss"):
             number_of(getattr(self, name), f"--{name}", 0.0, 1.0)

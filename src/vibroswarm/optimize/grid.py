@@ -29,7 +29,7 @@ import polars as pl
 from vibroswarm.analysis.best_group import LEVEL, best_group
 from vibroswarm.analysis.intervals import Interval, columns_of
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, path_of, whole_number_of
+from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.optimize.evaluate import derived_seed
 from vibroswarm.optimize.objective import Objective, Rows, drawn_scores, objectives_from
 from vibroswarm.optimize.outcomes import Outcomes, from_tables
@@ -82,7 +82,7 @@ class Grid:
         Raises:
             InputError: the file has no space, a range without steps, several objectives, or another wrong entry.
         """
-        path = path_of(path)
+        path = Path(path)
         values = parsed_toml(read_text(path, "a search"), str(path))
         # A search file is a study file with some further keys. These are taken out, and the space becomes the study's
         # block "grid". The keys "search", "pso" and "start" are not read: a grid has no method.

@@ -45,7 +45,6 @@ from vibroswarm.errors import (
     in_file,
     keep_plain,
     nearest,
-    path_of,
     whole_number_of,
 )
 from vibroswarm.inference.outcomes import truth_on
@@ -338,7 +337,7 @@ class Search:
         Raises:
             InputError: the file cannot be read, or something in it is wrong.
         """
-        path = path_of(path)
+        path = Path(path)
         text = read_text(path, "a search", filled=True)
         with in_file(path):
             return cls.from_toml(

@@ -36,32 +36,23 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.atomic_io import LOCK_FILE as LOCK
 from vibroswarm.core.atomic_io import (
     MANIFEST,
     folder_lock,
     make_folder,
-    remove_leftovers,
-    temporary_stem,
     write_files,
 )
 from vibroswarm.core.folders import (
     DAMAGED,
-    check_definition,
-    check_not_older,
-    check_places,
     has_manifest,
     manifest_text,
-    matching,
-    read_definition,
     read_described,
     read_manifest,
     write_described,
 )
 from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
-from vibroswarm.core.untrusted_files import entry
-from vibroswarm.errors import InputError, path_of, plain_value, shown, warn_once
+from vibroswarm.errors import InputError, plain_value, shown, warn_once
 from vibroswarm.optimize.evaluate import Piece, Result, RunFigures, Simulations
 from vibroswarm.optimize.objective import Rows
 from vibroswarm.optimize.spec import Search, differences
@@ -148,7 +139,7 @@ class SearchFolder:
             InputError: the folder holds something else, or a search that ``_check`` refuses; or the cost of ``search``
                 is a function, which a file cannot hold.
         """
-        self.folder, self.search, self.mixed = path_of(folder, "folder"), search, mixed
+        self.folder, self.search, self.mixed = Path(folder), search, mixed
         self._text = search.to_toml()
         # name -> text of the users' code files that the search needs; ``_make`` writes copies of them into the folder
         self._code = code_files(*search.code_used)
@@ -160,7 +151,6 @@ class SearchFolder:
     def _is_there(self) -> bool:
         """Return whether the folder holds this search; refuse another one, or one that cannot be continued."""
         if not has_manifest(self.folder):
-            check_not_older(self.folder)
             return False
         self._check(self.search, self.mixed)
         return True
@@ -181,9 +171,7 @@ class SearchFolder:
             return path.is_file() and path.read_bytes() == self._text.encode()
         if path.name in self._code:
             return path.is_file() and path.read_bytes() == self._code[path.name].encode()
-        # Files that were being written have temporary names that begin in this way.
-        temporary = tuple(temporary_stem(name) for name in (SEARCH, MANIFEST, *self._code))
-        return path.name == LOCK or path.name.startswith(temporary)
+        return path.name.startswith(".")  # it was being written
 
     @contextmanager
     def alone(self) -> Iterator[None]:
@@ -199,9 +187,6 @@ class SearchFolder:
         make_folder(self.folder)
         try:
             with folder_lock(self.folder):
-                remove_leftovers(self.folder)
-                for place in (STEPS, FRESH):
-                    check_places(self.folder / place)
                 # ``__init__`` checked this before the folder was locked: another process may have made a search since.
                 self._is_there()
                 yield
@@ -240,7 +225,7 @@ class SearchFolder:
             InputError: the folder holds another search, has another format, a damaged manifest or a damaged definition,
                 or was begun by other versions of the programs and ``mixed`` is false.
         """
-        manifest, saved = read_definition(self.folder, "search"), saved_search(self.folder)
+        manifest, saved = read_manifest(self.folder, "search"), saved_search(self.folder)
         # The number of fresh runs changes nothing in the search, and more of them may be needed after it.
         other = search.with_settings(fresh=saved.settings.fresh)
         if manifest["hash"] not in (search.hash, other.hash) or saved.space.names != search.space.names:
@@ -260,8 +245,9 @@ def saved_search(folder: Path) -> Search:
     Raises:
         InputError: the search or the manifest is damaged, or the search is not the one that the manifest names.
     """
-    manifest, search = read_definition(folder, "search"), Search.read(folder / SEARCH)
-    check_definition(folder / SEARCH, search.hash, manifest["hash"], manifest["versions"])
+    manifest, search = read_manifest(folder, "search"), Search.read(folder / SEARCH)
+    if search.hash != manifest["hash"]:
+        raise InputError(DAMAGED, field=str(folder / SEARCH))
     return search
 
 
@@ -312,7 +298,7 @@ class FreshFolder:
     """Fresh runs in the folder of a search, each set of values with its runs under a name that says what ran."""
 
     def __init__(self, folder: str | Path, search: Search) -> None:
-        self.folder, self.search = path_of(folder, "folder") / FRESH, search
+        self.folder, self.search = Path(folder) / FRESH, search
 
     def _name(self, values: Mapping[str, Any], runs: int, seed: int, width: int) -> str:
         cases = [cell.scenario.hash for cell in self.search.cases]
@@ -342,7 +328,7 @@ class FreshFolder:
         """
         about, cases = read_manifest(path, "fresh"), len(self.search.cases)
         table = _described_table(path, "fresh", _fresh_schema(width))
-        failed, why = entry(about, "failed", int, path), entry(about, "why", str, path)
+        failed, why = about["failed"], about["why"]
         if table.is_empty() or table.height != (runs - failed) * cases:
             raise InputError(f"has {table.height} rows, not {(runs - failed) * cases}", field=str(path))
         figures = table.select(list(_figures(width))).to_numpy().reshape(-1, cases, width)
@@ -356,7 +342,7 @@ class FreshFolder:
         """
         found, damaged, older = list[RecordedRun](), list[str](), 0
         cases = [cell.scenario for cell in self.search.cases]
-        for path in matching(self.folder, "[!.]*.json"):
+        for path in sorted(self.folder.glob("[!.]*.json")):
             try:
                 made_from = read_manifest(path, "fresh").get("made_from")
                 if made_from is None:
@@ -425,7 +411,7 @@ def held(folder: Path) -> dict[str, Any]:
         InputError: the search is damaged.
     """
     search = saved_search(folder)
-    paths = matching(folder / STEPS, "[!.]*.json")
+    paths = sorted((folder / STEPS).glob("[!.]*.json"))
     steps = [table for table in (intact_step(path, search) for path in paths) if table is not None]
     runs = [table.filter(pl.col("case") == 0) for table in steps]
     return {
@@ -447,4 +433,4 @@ def versions_of(folder: Path) -> dict[str, str]:
     Raises:
         InputError: the manifest is not that of a search, or damaged.
     """
-    return dict(read_definition(folder, "search")["versions"])
+    return dict(read_manifest(folder, "search")["versions"])

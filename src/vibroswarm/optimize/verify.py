@@ -16,9 +16,8 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.atomic_io import MANIFEST
-from vibroswarm.core.folders import KINDS, matching, read_manifest
-from vibroswarm.core.tables import frame_of
-from vibroswarm.errors import InputError, path_of, whole_number_of
+from vibroswarm.core.folders import KINDS, read_manifest
+from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.optimize.evaluate import do_piece
 from vibroswarm.optimize.loop import recorded_runs
 from vibroswarm.optimize.steps import STEPS, FreshFolder, RecordedRun, read_step, saved_search, versions_of
@@ -101,7 +100,7 @@ def verify(
         InputError: the folder holds none of these, recorded runs (which no seed repeats), no runs, or user code that is
             not loaded.
     """
-    folder = path_of(folder, "folder")
+    folder = Path(folder)
     runs = whole_number_of(runs, "runs", 1, 10**6)
     kind = str(read_manifest(folder)["kind"])
     if kind == "recording":
@@ -174,7 +173,7 @@ def _of_study(folder: Path) -> _Part:
             for run in (run for of, run in chosen if of == number):
                 files = do_batch(batch_of(result.study, Group(0, (((cell,),),), False), run, run + 1)).files
                 again = {
-                    name: frame_of(content).sort(FURTHER.get(name, ROBOTS).key)
+                    name: pl.read_parquet(content).sort(FURTHER.get(name, ROBOTS).key)
                     for name, content in files.items()
                 }
                 # A table without any row was made before studies saved it.
@@ -194,7 +193,7 @@ def _of_search(folder: Path) -> _Part:
     search = saved_search(folder)
     search.check_loaded()
     fresh, damaged = FreshFolder(folder, search).recorded()
-    for path in matching(folder / STEPS, "*.json"):
+    for path in sorted((folder / STEPS).glob("*.json")):
         try:
             read_step(path, search)
         except InputError as error:

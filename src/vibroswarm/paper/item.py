@@ -28,7 +28,6 @@ from vibroswarm.core.folders import about_file, manifest_text, read_described
 from vibroswarm.core.jit import hash_of_files
 from vibroswarm.core.numbers import number, percent
 from vibroswarm.core.tables import parquet_bytes, read_frame
-from vibroswarm.core.untrusted_files import entry
 from vibroswarm.errors import InputError
 from vibroswarm.floors import is_random
 from vibroswarm.floors.floor import Floor
@@ -364,7 +363,7 @@ def load_tables(folder: Path, fingerprint: str) -> Tables | None:
     """
     try:
         manifest, files = read_described(folder, "item")
-        if entry(manifest, "fingerprint", str, folder) != fingerprint:
+        if manifest["fingerprint"] != fingerprint:
             return None
         tables = {name: read_frame(path, name) for name, path in files.items()}
     except InputError:

@@ -19,7 +19,7 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import whole_file, write_file
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import check_choice, path_of
+from vibroswarm.errors import check_choice
 from vibroswarm.floors.io import check_suffix
 from vibroswarm.plots.layout import lay_out
 from vibroswarm.plots.style import NAMES, STYLES, settings, style_named
@@ -74,7 +74,7 @@ class Picture:
             InputError: an unknown format, or the folder cannot be written.
             RunError: the disk is full or failed.
         """
-        path = path_of(path)
+        path = Path(path)
         asked = path.suffix[1:]
         if formats is None and asked in FORMATS:
             path, formats = path.with_suffix(""), (asked,)

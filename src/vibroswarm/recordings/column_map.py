@@ -39,7 +39,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.core.numbers import count, some, stated
-from vibroswarm.core.untrusted_files import MAX_NUMBER, parsed_toml, read_bytes
+from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
 from vibroswarm.errors import InputError, check_known_keys, nearest, number_of
 from vibroswarm.recordings.log import COUNTERS, OWN_PLACE, REQUIRED, SAMPLES, TRACKS, Log, log_frame
 
@@ -281,7 +281,7 @@ def plain_number(value: Any, what: str, name: str) -> float:
     Raises:
         InputError: it is not a finite number.
     """
-    return float(number_of(value, f"{name}, {what}", -MAX_NUMBER, MAX_NUMBER))
+    return float(number_of(value, f"{name}, {what}", -1e300))
 
 
 _HINTS: Final = {

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from vibroswarm.core.atomic_io import check_free, make_folder, whole_file
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError, check_flags, path_of
 from vibroswarm.result import TABLES, Result
 
 
@@ -22,10 +21,7 @@ def write_csv(result: Result, folder: str | Path, *, replace: bool = False) -> N
             ``replace`` is false (in this case no file is written).
         RunError: the disk is full or failed.
     """
-    folder = path_of(folder, "folder")
-    check_flags(replace=replace)
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"'{folder}' is a file; give the name of a folder", field="--out")
+    folder = Path(folder)
     make_folder(folder)
     frames = {f"{name}.csv": getattr(result, name) for name in TABLES if getattr(result, name) is not None}
     if not replace:

@@ -22,7 +22,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError, check_choice, path_of
+from vibroswarm.errors import InputError, check_choice
 from vibroswarm.recordings.column_map import (
     check_values,
     column_map,
@@ -241,9 +241,9 @@ def read_log(
     Raises:
         InputError: an unknown format, no format recognises the file, or the reader's own error.
     """
-    path = path_of(path)
+    path = Path(path)
     if columns is not None:
-        text = text_of(path_of(columns, "columns"), "a column map")
+        text = text_of(Path(columns), "a column map")
         return read_mapped(path, column_map(text, str(columns), has_energies))
     if reader is not None:
         check_choice(reader, "--reader", _READERS)

@@ -22,13 +22,11 @@ from typing import Any, ClassVar, Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import MANIFEST
-from vibroswarm.core.folders import check_files, kind_of, read_manifest
+from vibroswarm.core.folders import kind_of, read_manifest
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
-from vibroswarm.core.untrusted_files import entry, number, words
-from vibroswarm.errors import InputError, path_of
+from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.result import Result, head_of
+from vibroswarm.result import Result
 
 ROWS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -158,98 +156,20 @@ class Recording(Result):
         Raises:
             InputError: the folder is not a recording, or a file in it is damaged or missing.
         """
-        folder = path_of(path)
+        folder = Path(path)
         if kind_of(folder) != cls.KIND:
             raise InputError("is not a recording; make one with 'vibroswarm lab import'", field=str(folder))
-        about = head_of(folder)
-        result = Result._read(folder, about)
-        path = folder / MANIFEST
-        # An import always writes segments, which other results may lack, and never a seed.
-        if result.seed is not None or result.segments is None:
-            raise InputError(
-                "is not a manifest of a recording: it has a seed, or no segments", field=str(path)
-            )
-        head = _head(read_manifest(folder), result, path)
+        result = Result._read(folder)
+        about = read_manifest(folder)
         extra = {
-            name: read_table(folder / f"{name}.parquet", _EXTRA_TABLES[name], name) for name in _EXTRA_TABLES
+            name: read_table(folder / f"{name}.parquet", schema, name)
+            for name, schema in _EXTRA_TABLES.items()
         }
-        _check_extra_tables(result, extra, folder)
-        check_files(about, folder)
-        of_result = {one.name: getattr(result, one.name) for one in fields(Result)}
         return cls(
-            **of_result,
-            rows=extra["rows"],
-            tracks=extra["tracks"],
-            **head,
-        )
-
-
-def _head(about: Any, result: Result, path: Path) -> dict[str, Any]:
-    """Check the manifest of a recording, and return what it adds to that of a result as fields of ``Recording``.
-
-    Args:
-        about: values of the manifest. result: of the recording. path: of the file, for errors.
-    Raises:
-        InputError: an entry is missing or of another type, or its length does not fit the result.
-    """
-    # ``entry``, ``number`` and ``words`` raise an error if a value is missing or of another type. Where their results
-    # are not used, they are called only for this check.
-    names, sessions, inferred = (entry(about, key, list, path) for key in ("names", "sessions", "inferred"))
-    # A robot's name is its number in the logs; True and False are no numbers, although they are integers in Python.
-    if len(names) != result.scenario.swarm.robots or not all(type(name) is int for name in names):
-        raise InputError("is damaged: 'names' must list a number for each robot", field=str(path))
-    if len(sessions) != result.runs.height:
-        raise InputError(
-            f"is damaged: 'sessions' must have {result.runs.height} entries, one for each run",
-            field=str(path),
-        )
-    for session in sessions:
-        entry(session, "log", str, path), entry(session, "reader", str, path)
-        # "told": counts of problems in the log. "wraps_at": the values at which counters start again from 0.
-        for key in ("told", "wraps_at"):
-            table = entry(session, key, dict, path)
-            for item in table:
-                number(table, item, path)
-    for setting in inferred:
-        entry(setting, "name", str, path), entry(setting, "evidence", str, path)
-        for key in ("value", "low", "high"):
-            if key not in setting or isinstance(setting[key], list | dict):
-                raise InputError(
-                    f"is damaged: an entry of 'inferred' must have '{key}', a single value", field=str(path)
-                )
-            if key != "value" and setting[key] is not None:
-                number(setting, key, path)
-    return {
-        "names": tuple(names),
-        "sessions": tuple(sessions),
-        "stated": tuple(words(entry(about, "stated", list, path), "stated", path)),
-        "inferred": tuple(inferred),
-        "floor_words": entry(about, "floor", str, path),
-    }
-
-
-def _check_extra_tables(result: Result, extra: Mapping[str, pl.DataFrame], folder: Path) -> None:
-    """Check the additional tables of a recording against its result.
-
-    Args:
-        extra: rows and tracks. folder: of the recording, for errors.
-    Raises:
-        InputError: rows and samples do not match, or tracks are of other runs or robots or not ordered by time.
-    """
-    key = ["run", "robot", "sample"]
-    if not extra["rows"].select(key).equals(result.motion.select(key)):
-        raise InputError(
-            "columns 'run', 'robot', 'sample' differ from those of motion",
-            field=str(folder / "rows.parquet"),
-        )
-    existing = result.ends.select("run", "robot")
-    if extra["tracks"].join(existing, on=["run", "robot"], how="anti").height:
-        raise InputError(
-            "columns 'run' and 'robot' name one that is not in ends", field=str(folder / "tracks.parquet")
-        )
-    if (extra["tracks"].select(later=pl.col("time_s").diff().over("run", "robot"))["later"] <= 0).any():
-        raise InputError(
-            "column 'time_s' does not grow with a robot's rows", field=str(folder / "tracks.parquet")
+            **{one.name: getattr(result, one.name) for one in fields(Result)},
+            **extra,
+            **{key: tuple(about[key]) for key in ("names", "sessions", "stated", "inferred")},
+            floor_words=about["floor"],
         )
 
 
@@ -259,5 +179,5 @@ def read_result(folder: str | Path) -> Result:
     Raises:
         InputError: the folder holds neither, or a file in it is damaged or missing.
     """
-    folder = path_of(folder, "folder")
+    folder = Path(folder)
     return Recording.read(folder) if kind_of(folder) == Recording.KIND else Result.read(folder)

@@ -33,7 +33,7 @@ from vibroswarm.analysis.verdict import (
 )
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.numbers import count, number
-from vibroswarm.errors import InputError, check_kind, named, path_of
+from vibroswarm.errors import InputError, check_kind
 from vibroswarm.floors.floor import Floor
 from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
@@ -162,14 +162,13 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         result: simulated, or of a recording (without a seed). run: number of the run. title: heading of the page; by
             default the number of robots and the name of the floor.
     Raises:
-        InputError: ``result`` is no ``Result``, has no such run, was simulated without segments, is of a recording
-            without decisions, or does not pass ``Result.check``; or its strategy or network is not loaded.
+        InputError: ``result`` is no ``Result``, has no such run, was simulated without segments, or is of a
+            recording without decisions; or its strategy or network is not loaded.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     why_not = why_no_page(result)
     if why_not is not None or result.segments is None:
         raise InputError(f"no page can be made: {why_not}")
-    result.check(run)  # a program may have altered its tables
     floor, scenario = result.floor(run), result.scenario
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
@@ -369,6 +368,4 @@ def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:
         InputError: as of ``record_of``, or ``path`` is no path or cannot be written.
         RunError: the disk is full or failed.
     """
-    path = path_of(path)
-    with named("path", of="--out"):
-        write_page(record_of(result, run), path)
+    write_page(record_of(result, run), Path(path))

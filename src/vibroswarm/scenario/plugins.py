@@ -26,7 +26,7 @@ from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.core.registry import Named, Registry, other_name
 from vibroswarm.core.untrusted_files import read_text
 from vibroswarm.core.user_code import TEXT
-from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown
+from vibroswarm.errors import InputError, check_kind, nearest, shown
 from vibroswarm.networks import Network
 from vibroswarm.sensors import SensorModel
 from vibroswarm.strategies import Strategy
@@ -211,7 +211,7 @@ def load_code(code: str, folder: str | Path | None = None) -> str:
     check_kind(code, str, "code", "text such as counter.py:counter")
     if not is_code(code):
         raise InputError(f"{shown(code)} is not of the form FILE.py:NAME", field="code")
-    return str(load_file(None, code, None if folder is None else path_of(folder, "folder")).code)
+    return str(load_file(None, code, None if folder is None else Path(folder)).code)
 
 
 def load_file(kind: str | None, spec: str, folder: Path | None = None) -> Any:

@@ -27,13 +27,12 @@ from pydantic import BaseModel, ValidationError, model_validator
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, stated
 from vibroswarm.core.rng import SEED_LIMIT
-from vibroswarm.core.untrusted_files import check_keys, parsed_toml, read_text
+from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import (
     InputError,
     check_kind,
     in_file,
     nearest,
-    path_of,
     plain_value,
     shown,
     whole_number_of,
@@ -125,7 +124,7 @@ class Scenario(Sections, NotebookView):
         """
         check_kind(text, str, name, "TOML text")
         values = parsed_toml(text, name)
-        picture = None if folder is None else _read_floor_file(values, path_of(folder, "folder"))
+        picture = None if folder is None else _read_floor_file(values, Path(folder))
         with plugins.search_beside(folder):
             scenario = cls.from_base(values)
         if picture is not None:
@@ -168,7 +167,7 @@ class Scenario(Sections, NotebookView):
         Raises:
             InputError: the file cannot be read, or something in it is wrong.
         """
-        path = path_of(path)
+        path = Path(path)
         text = read_text(path, "a scenario", filled=True)
         with in_file(path):
             return cls.from_toml(text, name=str(path), folder=path.parent)
@@ -462,7 +461,6 @@ def parse_setting(text: str) -> tuple[str, Any]:
     name, separator, value = text.partition("=")
     if not separator or not name.strip():
         raise InputError(f"'{text}' is not of the form section.field=value", field="--set")
-    check_keys(value, "--set")
     try:
         parsed = tomllib.loads(f"value = {value.strip()}")
     except (ValueError, RecursionError):  # not TOML or a number too long, or nested too deeply

@@ -49,7 +49,7 @@ from vibroswarm.observation.observe import (
     observation_frame,
     reads_energies,
 )
-from vibroswarm.result import NULLABLE
+from vibroswarm.result import TABLES
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import check_scenario, floors_of, motion_by_decisions, versions
@@ -428,7 +428,7 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
 
 NEVER_NULL: Final = frozenset({"decision", "messages_received", "consensus", "right", "wrong", "undecided"})
 """Nullable columns of a result that a simulation always fills; the others may be null in a shard as well."""
-_NULLABLE: Final = (NULLABLE["robots"] | NULLABLE["runs"] | frozenset(WALK)) - NEVER_NULL
+_NULLABLE: Final = (TABLES["robots"].nullable | TABLES["runs"].nullable | frozenset(WALK)) - NEVER_NULL
 """Columns of the table ``robots`` that may be null."""
 ROBOTS: Final = Schema(ROWS, _NULLABLE, ("cell", "run", "robot"))
 """Schema of the table ``robots`` of a shard."""

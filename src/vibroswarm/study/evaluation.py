@@ -7,7 +7,6 @@ the functions at the end (``core.notebook_view.study_verbs``).
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -22,7 +21,7 @@ from vibroswarm.core.notebook_view import NotebookView, document_of
 from vibroswarm.core.numbers import count
 from vibroswarm.core.progress_line import ProgressLine, is_watched
 from vibroswarm.core.stages import SILENT, Stages
-from vibroswarm.errors import InputError, RunError, check_choice, check_keywords
+from vibroswarm.errors import InputError, RunError, check_choice
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.data import document_data
 from vibroswarm.show.document import Document
@@ -141,9 +140,8 @@ def run_with_bar(
         progress: called with the progress; True shows a bar if the output is a terminal or a notebook, False none.
         how: the other keyword arguments of ``run``.
     Raises:
-        InputError: ``how`` has a name that is no argument of ``run``. Besides, the errors of ``run``.
+        The errors of ``run``.
     """
-    check_keywords(how, "run", [name for name in inspect.signature(run).parameters if name != "study"])
     if not isinstance(progress, bool):
         return run(study, folder, progress=progress, **how)
     if not (progress and is_watched()):

@@ -82,9 +82,8 @@ class Precision:
         Args:
             figure, max_runs, level: as in ``Precision``; None: the default.
         """
-        share = share_from(text, "until")
         return cls(
-            half_width=share,
+            half_width=share_from(text, "until"),
             figure="decision_time_s" if figure is None else figure,
             max_runs=MOST if max_runs is None else max_runs,
             level=LEVEL if level is None else level,

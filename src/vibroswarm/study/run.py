@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.folders import has_manifest
-from vibroswarm.errors import InputError, RunError, check_callable, check_flags, check_kind, path_of
+from vibroswarm.errors import InputError, RunError, check_kind
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.runner import Job, Progress, run_study
 from vibroswarm.study.spec import Study
@@ -36,9 +36,7 @@ def run(
     Raises:
         InputError, RunError: see ``runner.run_study``.
     """
-    folder = None if folder is None else path_of(folder, "folder")
-    check_callable(progress, "progress")
-    check_flags(mixed=mixed, allow_failures=allow_failures)
+    folder = None if folder is None else Path(folder)
     if job is not None:
         check_kind(job, Job, "job", "a Job")
     temporary = _TemporaryFolder() if folder is None else None

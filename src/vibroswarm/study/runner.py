@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 from vibroswarm.core.jit import is_cached
 from vibroswarm.core.numbers import count
-from vibroswarm.errors import CodeError, InputError, RunError, check_flags, warn_once
+from vibroswarm.errors import CodeError, InputError, RunError, warn_once
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, batch_of, do_batch
 from vibroswarm.study.executors import Workers, check_worker, workers_for
 from vibroswarm.study.plan import Group, Plan, plan_of
@@ -157,7 +157,6 @@ def run_batch(study: Study, folder: str | Path, batch: str, *, mixed: bool = Fal
     Raises:
         InputError: there is no such batch, the folder holds another study, or versions differ.
     """
-    check_flags(mixed=mixed)
     match = re.fullmatch(r"(\d+):(\d+)-(\d+)", batch)
     group, first, last = map(int, match.groups()) if match else (0, 0, 0)  # an empty range is refused below
     if not first < last <= MOST_RUNS:

@@ -30,11 +30,9 @@ from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import (
     InputError,
     check_choice,
-    check_format,
     check_kind,
     in_file,
     keep_plain,
-    path_of,
     shown,
     whole_number_of,
 )
@@ -199,7 +197,7 @@ class Study:
                 "a vibroswarm.study.precision.Precision, such as Precision(0.02)",
             )
         if self.folder is not None:
-            object.__setattr__(self, "folder", path_of(self.folder, "folder"))
+            object.__setattr__(self, "folder", Path(self.folder))
         if (self.runs is None) == (self.until is None):
             raise InputError("give either a number of runs or a precision", field="runs")
         if self.runs is not None:
@@ -334,7 +332,7 @@ class Study:
             InputError: something is wrong; the message names it, and says what would be right.
         """
         check_kind(values, Mapping, name, "a table of values")
-        folder = None if folder is None else path_of(folder, "folder")
+        folder = None if folder is None else Path(folder)
         with plugins.search_beside(folder):
             return cls._from_values(values, name, folder)
 
@@ -350,7 +348,8 @@ class Study:
                     field=key,
                 )
         check_names(values, KEYS, "key")
-        check_format(values.get("format", FORMAT), FORMAT, name)
+        if (found := values.get("format", FORMAT)) != FORMAT:
+            raise InputError(f"is of format {found}; this version reads format {FORMAT}", field=name)
         base = values.get("scenario", {})
         if isinstance(base, str):
             base = Scenario.read(Path(folder or ".") / base).model_dump(exclude_none=True)
@@ -389,7 +388,7 @@ class Study:
         Raises:
             InputError: it cannot be read, or something in it is wrong.
         """
-        path = path_of(path)
+        path = Path(path)
         with in_file(path):
             study = cls.from_toml(read_text(path, "a study", filled=True), name=str(path), folder=path.parent)
             study.check_effects()

@@ -25,23 +25,16 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import MANIFEST, identity, make_folder, remove_leftovers, write_file
+from vibroswarm.core.atomic_io import MANIFEST, make_folder, write_file
 from vibroswarm.core.folders import (
     DAMAGED,
-    check_definition,
-    check_is_folder,
-    check_not_older,
-    check_places,
     has_manifest,
     manifest_text,
-    matching,
-    read_definition,
     read_described,
     read_manifest,
     write_described,
 )
-from vibroswarm.core.tables import scan_frame
-from vibroswarm.core.untrusted_files import entry, parsed_toml, read_text, texts
+from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, RunError, in_file
 from vibroswarm.result import code_files, write_code
 from vibroswarm.simulation import versions
@@ -51,8 +44,6 @@ from vibroswarm.study.plan import Group, Range, missing, plan_of
 from vibroswarm.study.registered_code import check_registered
 from vibroswarm.study.spec import MOST_RUNS, Study, as_toml
 
-FAILURE: Final = {"batch": str, "group": int, "first": int, "last": int, "seed": int, "why": str}
-"""Keys of a failure and their types."""
 MARKER: Final = "study.toml"
 """File of the study's text."""
 SHARDS: Final = "shards"
@@ -152,7 +143,6 @@ class Store:
             if folder.exists() and not (folder.is_dir() and all(_is_of(p, study) for p in folder.iterdir())):
                 if has_manifest(folder):  # another writer has written it since the check above
                     return cls.existing(folder, study, shards=shards)
-                check_not_older(folder)
                 raise InputError(
                     "exists but is not a study; give the name of a new folder", field=str(folder)
                 )
@@ -170,9 +160,6 @@ class Store:
             RunError: the folder cannot be written.
         """
         folder = Path(folder)
-        for place in (folder, folder / SHARDS, folder / FAILURES):
-            remove_leftovers(place)
-        check_places(folder / SHARDS)
         store = cls.existing(folder, study)
         if store is None:
             # Two different files of one name are refused before anything is written.
@@ -193,7 +180,7 @@ class Store:
                 the place of its shards.
         """
         folder = Path(folder)
-        manifest = read_definition(folder, "study")
+        manifest = read_manifest(folder, "study")
         saved_hash = manifest["hash"]
         text = read_text(folder / MARKER, "a study")
         with in_file(folder / MARKER):
@@ -202,11 +189,7 @@ class Store:
             raise InputError(
                 f"{DAMAGED}; restore it (--runs changes the number of runs)", field=str(folder / MARKER)
             )
-        same_text = study.hash == saved_hash or _fingerprint(text) == manifest.get("text")
-        check_definition(folder / MARKER, study.hash, saved_hash, manifest["versions"], same_text=same_text)
-        command = entry({"command": "", **manifest}, "command", str, folder / MANIFEST)
-        store = cls(folder, study, hash=saved_hash, command=command)
-        check_is_folder(folder / SHARDS)
+        store = cls(folder, study, hash=saved_hash, command=manifest.get("command", ""))
         if shards:
             store.refresh()
         return store
@@ -223,7 +206,7 @@ class Store:
         """
         self.by_group, self.broken, self.left_over = {}, {}, 0
         described = set()  # the tables of all shards that can be used
-        for path in matching(self.root / SHARDS, "*"):
+        for path in sorted((self.root / SHARDS).glob("*")):
             if path.name.startswith("."):  # a temporary file
                 self.left_over += 1
             elif path.suffix == ".json":
@@ -238,7 +221,7 @@ class Store:
                     described |= set(shard.files.values())
         # A table that no usable shard has is not left over if its description exists: the description is broken, or
         # another writer has just written it.
-        tables = set(matching(self.root / SHARDS, "[!.]*.parquet"))
+        tables = set((self.root / SHARDS).glob("[!.]*.parquet"))
         descriptions = [path.with_name(f"{path.name.partition('.')[0]}.json") for path in tables - described]
         self.left_over += sum(not description.is_file() for description in descriptions)
 
@@ -291,14 +274,12 @@ class Store:
 
     @property
     def failures(self) -> list[dict[str, Any]]:
-        """The recorded failures of batches (``FAILURE``) of which some runs are still missing."""
+        """The recorded failures of batches of which some runs are still missing."""
         failures = []
-        for path in matching(self.root / FAILURES, "[!.]*.json"):
+        for path in sorted((self.root / FAILURES).glob("[!.]*.json")):
             # An unreadable record is skipped without harm: the shards show which runs are missing.
             with suppress(InputError):
                 failure = read_manifest(path, "failure")
-                for key, kind in FAILURE.items():
-                    entry(failure, key, kind, path)
                 if missing((int(failure["first"]), int(failure["last"])), self.ranges(int(failure["group"]))):
                     failures.append(failure)
         return failures
@@ -355,7 +336,7 @@ class Store:
             # A shard has ``failures`` only if the source of motion gave up a run, and ``samples`` only if the study
             # saves them.
             if table in shard.files:
-                frame = scan_frame(shard.files[table])
+                frame = pl.scan_parquet(shard.files[table], glob=False)
                 if table == "robots":
                     frame = frame.with_columns(code=pl.lit(shard.made_by.get("code", "")))
                 if (first, last) != (shard.first, shard.last):
@@ -428,18 +409,19 @@ class Store:
         description, files = read_described(path, "batch")
         if description.get("study") != self.hash or description.get("seed") != self.study.seed:
             raise ValueError("is of another study")
-        group, first, last, rows = (
-            entry(description, key, int, path) for key in ("group", "first", "last", "rows")
-        )
+        group, first, last, rows = (description[key] for key in ("group", "first", "last", "rows"))
         groups = plan_of(self.study).groups
         if not (0 <= group < len(groups) and 0 <= first < last <= MOST_RUNS):
             raise ValueError(f"is of group {group}, runs {first} to {last}, which the study does not have")
         check_shard(files, self.study, groups[group], range(first, last), rows)
-        made_by = texts(entry(description, "versions", dict, path), "versions", path)
-        for name in ("vibroswarm", "code", "architecture"):  # which are shown
-            entry(made_by, name, str, path)
         return Shard(
-            name=path.stem, group=group, first=first, last=last, rows=rows, files=files, made_by=made_by
+            name=path.stem,
+            group=group,
+            first=first,
+            last=last,
+            rows=rows,
+            files=files,
+            made_by=description["versions"],
         )
 
     def _failure(self, work: Batch) -> Path:
@@ -467,7 +449,7 @@ class Store:
                 write_file(marker, sealed)
             if not manifest.is_file():
                 self._check_written(text)
-                values = {"hash": self.hash, "text": _fingerprint(text), "versions": versions()}
+                values = {"hash": self.hash, "versions": versions()}
                 values |= {"command": self.command} if self.command else {}
                 write_file(manifest, manifest_text("study", **values))
             write_code(self.root, (cell.scenario for cell in self.study.cells), self.study.motion)
@@ -483,7 +465,15 @@ class Store:
 
 def _identities(path: Path, shard: Shard) -> list[tuple[int, int, int] | None]:
     """Return what identifies the files of a shard, whose description is ``path``."""
-    return [identity(file) for file in (path, *shard.files.values())]
+    return [_identity(file) for file in (path, *shard.files.values())]
+
+
+def _identity(path: Path) -> tuple[int, int, int] | None:
+    """Return what identifies a file and its content; None if there is none."""
+    if not path.exists():
+        return None
+    status = path.stat()
+    return status.st_dev, status.st_ino, status.st_ctime_ns
 
 
 NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_runs", "level")

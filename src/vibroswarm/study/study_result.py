@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from tempfile import gettempdir
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -22,17 +22,14 @@ import polars as pl
 from vibroswarm.analysis.answers_over_time import is_followed
 from vibroswarm.analysis.figures import BY_NAME, OF_READ, READ, Swarms, figures_table, stacked
 from vibroswarm.analysis.map_figures import keeps_map
-from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.notebook_view import NotebookView, study_verbs
 from vibroswarm.core.numbers import count, some, whole
 from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import (
     InputError,
     check_choice,
-    check_flags,
     named,
     nearest,
-    path_of,
     shown,
     whole_number_of,
 )
@@ -73,11 +70,7 @@ class _TemporaryFolder:
     """A new temporary folder, removed when the last result that refers to this object is garbage."""
 
     def __init__(self) -> None:
-        # Folders that killed processes left behind are removed first.
-        remove_leftovers_once(Path(gettempdir()))
-        self.folder = Path(gettempdir()) / f"vibroswarm-{tag()}"
-        # Only for this user: other users share the system's folder of temporary files.
-        self.folder.mkdir(mode=0o700)
+        self.folder = Path(mkdtemp(prefix="vibroswarm-"))
         weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
 
 
@@ -124,7 +117,7 @@ class StudyResult(NotebookView):
     @classmethod
     def open(cls, folder: str | Path) -> StudyResult:
         """Open the study in a folder, see ``Store.open``."""
-        store = Store.open(path_of(folder, "folder"))
+        store = Store.open(Path(folder))
         return cls(store.study, store, tuple(cell.number for cell in store.study.cells))
 
     @cached_property
@@ -512,7 +505,6 @@ class StudyResult(NotebookView):
             cell: its number. runs: how many, from run 0, or the numbers of the runs: ``[17]`` for run 17 alone.
             segments: whether the result includes the paths between samples, from which poses are computed.
         """
-        check_flags(segments=segments)
         scenario, study = self.cell(cell).scenario, self.study
         if not self._is_slow:
             return simulate(scenario, study.seed, runs, motion=study.motion, segments=segments)
@@ -631,10 +623,8 @@ class StudyResult(NotebookView):
             InputError: ``folder`` exists and may not be replaced, or cannot be written.
             RunError: the disk is full or failed.
         """
-        own = None if folder is None else path_of(folder, "folder")
-        check_flags(replace=replace)
-        with named("folder", of="--out"):
-            written: ReportFile = study_verbs().reported(self, own, replace)
+        own = None if folder is None else Path(folder)
+        written: ReportFile = study_verbs().reported(self, own, replace)
         return written
 
     def _table(self, table: str) -> pl.DataFrame:

@@ -17,7 +17,7 @@ import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import count, number, percent, stated
-from vibroswarm.core.tables import csv_bytes, write_frame
+from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.column_map import (
     check_columns,
@@ -416,7 +416,7 @@ def write_tables(folder: Path, tracking: Tracking) -> None:
     """
     from polars.selectors import float as float_columns
 
-    write_frame(tracking.positions, folder / "positions.parquet")
+    tracking.positions.write_parquet(folder / "positions.parquet")
     tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
     for name, table in tables.items():
         (folder / f"{name}.csv").write_bytes(csv_bytes(table.with_columns(float_columns().round(6))))
