@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from helpers.commands import refusal_of
+from helpers.example_strategies import load_example
 from helpers.exported_robots import EXPORTED, HAS_ARM, NOT_EXPORTED, STRICT, needs_gcc
 from vibroswarm import preset
 from vibroswarm.cli import main
@@ -133,6 +134,7 @@ int main(void)
 @needs_gcc
 @pytest.mark.parametrize("precision", [1, 2])
 def test_packets_hold_messages_and_say_what_runs(precision: int, tmp_path: Path) -> None:
+    load_example("dbbs")
     sources = written(scenario_for("dbbs"), tmp_path)
     printed = printed_by(PACKETS, sources, precision)
     packet, reads, *found, short, layout, program, unknown = printed.split()
