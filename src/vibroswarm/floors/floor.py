@@ -18,6 +18,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -163,8 +164,8 @@ class Floor:
         yield 0.0, floor
         times_s = self.changes.times_s
         first = np.searchsorted(self.changes.time_s, times_s).tolist()
-        for time_s, low, high in zip(times_s.tolist(), first, [*first[1:], None], strict=True):
-            floor = self._after(floor.tiles, slice(low, high))
+        for time_s, which in zip(times_s.tolist(), pairwise([*first, None]), strict=True):
+            floor = self._after(floor.tiles, slice(*which))
             yield time_s, floor
 
     def _after(self, tiles: NDArray[np.uint8], which: slice) -> Floor:
