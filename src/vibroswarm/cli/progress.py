@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
 from vibroswarm.cli.terminal import printing, report
-from vibroswarm.core.numbers import count, count_of, duration, number, percent, rate_of, whole
+from vibroswarm.core.numbers import count, count_of, duration, number, percent, whole
 from vibroswarm.core.stages import Stages
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
             rate = (latest - before) / passed_s if passed_s >= least_s else 0.0
             failed = f"{count(now.failed, 'batch', 'batches')} failed" if now.failed else ""
             left = f"{duration((now.wanted - now.done) / rate)} left" if rate else ""
-            speed = f"{rate_of(rate)} per second" if rate else ""
+            speed = f"{number(rate, digits=2)} per second" if rate else ""
             done = f"; {whole(now.done)} of {count(now.wanted, 'run')} done"
             show(
                 ", ".join(

@@ -8,21 +8,14 @@ one thread a sum also has the same order of additions, and so the same last digi
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-P = ParamSpec("P")
-R = TypeVar("R")
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def with_one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
+def with_one_blas_thread(function: Function) -> Function:
     """Return a function that does what ``function`` does, with one thread for linear algebra in this process."""
-
-    @wraps(function)
-    def limited(*arguments: P.args, **named: P.kwargs) -> R:
-        with threadpool_limits(1, "blas"):
-            return function(*arguments, **named)
-
+    limited: Function = threadpool_limits.wrap(limits=1, user_api="blas")(function)
     return limited

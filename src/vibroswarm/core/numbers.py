@@ -127,11 +127,6 @@ def whole(n: float) -> str:
     return f"{n:,.0f}"
 
 
-def rate_of(n: float) -> str:
-    """Write how many things are done in a time: a small number with two digits, since 0 would say that none are."""
-    return whole(n) if n >= 10 else number(n, digits=2)
-
-
 def percent(
     share: float | None, decimals: int | None = 1, *, digits: int = DIGITS, sign: bool = False
 ) -> str:
@@ -170,11 +165,6 @@ def with_limits(
     text = estimate if estimate == MISSING or not unit else f"{estimate} {unit}"
     is_known = math.isfinite(values[0]) and (math.isfinite(values[1]) or math.isfinite(values[2]))
     return f"{text} [{low}, {high}]" if is_known and MISSING not in (low, high) else text
-
-
-def plus_minus(estimate: float, error: float, decimals: int | None = None) -> str:
-    """Write an estimate and its standard error or deviation: ``1.32 ± 0.04``."""
-    return f"{number(estimate, decimals)} ± {number(error, decimals)}"
 
 
 def p_value(p: float | None) -> str:

@@ -20,7 +20,7 @@ from vibroswarm.calibrate.message_loss import LEAST_GAIN, STEPS, LossFits
 from vibroswarm.calibrate.real_vs_simulated import Comparison
 from vibroswarm.calibrate.session_statistics import FIGURES, Figure
 from vibroswarm.calibrate.similarity import EnergyDistance, Spread
-from vibroswarm.core.numbers import count, listed, number, percent, plus_minus, stated, with_limits
+from vibroswarm.core.numbers import count, listed, number, percent, stated, with_limits
 from vibroswarm.documents.cell_figures import columns_of, estimate_of, flat_row
 from vibroswarm.show.document import Column, Document, Part, Table, Text
 
@@ -395,7 +395,7 @@ def _gaps(found: LossFits) -> Table:
             else f"{size} to {end}",
             "found": int(found.gaps[place]),
             **{
-                name: plus_minus(float(mean[place]), float(deviation[place]), 1)
+                name: f"{number(mean[place], 1)} ± {number(deviation[place], 1)}"
                 for name, (mean, deviation) in found.expected.items()
             },
         }

@@ -30,8 +30,6 @@ from vibroswarm.analysis.decidability import Decidability, decidability_of_share
 from vibroswarm.analysis.intervals import Interval, share_interval, student_factor
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
 from vibroswarm.core.arrays import Bools, Floats, Ints
-from vibroswarm.core.distances import nearest_tiles
-from vibroswarm.core.jit import read_only
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError, check_kind, number_of
@@ -214,13 +212,25 @@ def edge_distance(floor: Floor, x_m: Floats, y_m: Floats, vibrating: Bools) -> t
     rows, columns, width, height, left, bottom = floor.geometry
     # Lower left corners of the tiles, which are numbered row by row from the top.
     row, column = np.divmod(np.arange(rows * columns), columns)
-    corners_m = np.column_stack((left + column * width, bottom + (rows - 1 - row) * height))
-    distance_m, tile = np.empty(x_m.shape), np.empty(x_m.shape, dtype=np.int64)
-    x_m, y_m, wanted, corners_m, sought = map(
-        read_only, (x_m, y_m, ~vibrating, corners_m, floor.tiles.ravel() != 0)
-    )
-    nearest_tiles(x_m, y_m, wanted, corners_m, sought, (width, height), distance_m, tile)
+    left_m, bottom_m = left + column * width, bottom + (rows - 1 - row) * height
+    distance_m, tile = np.full(x_m.shape, np.inf), np.full(x_m.shape, -1)
+    for kind in (False, True):
+        tiles = np.flatnonzero((floor.tiles.ravel() != 0) == kind)
+        places = np.flatnonzero(vibrating != kind)
+        if not tiles.size or not places.size:
+            continue
+        dx = _outside(x_m[places], left_m[tiles], width)
+        dy = _outside(y_m[places], bottom_m[tiles], height)
+        away_m = np.hypot(dx, dy)
+        tile[places] = tiles[away_m.argmin(axis=1)]
+        distance_m[places] = away_m.min(axis=1)
     return distance_m, tile
+
+
+def _outside(places_m: Floats, begins_m: Floats, size_m: float) -> Floats:
+    """Return how far each place is from each interval of a size, along one axis, (places, intervals)."""
+    before = begins_m - places_m[:, None]
+    return np.maximum(np.maximum(before, -before - size_m), 0.0)
 
 
 def error_curves(energy: Floats, vibrating: Bools, weight: Floats) -> tuple[Floats, Floats, Floats]:

@@ -18,8 +18,6 @@ import polars as pl
 from vibroswarm.core.atomic_io import OURS, whole_folder
 from vibroswarm.core.folders import PICTURES, REPORT
 from vibroswarm.core.notebook_view import NotebookView, document_of
-from vibroswarm.core.numbers import count
-from vibroswarm.core.progress_line import ProgressLine, is_watched
 from vibroswarm.core.stages import SILENT, Stages
 from vibroswarm.errors import InputError, RunError, check_choice
 from vibroswarm.plots.picture import Picture
@@ -30,7 +28,7 @@ from vibroswarm.show.page import write_page
 from vibroswarm.show.page_origin import is_made_from, origin
 from vibroswarm.study.cell_comparison import Answer, comparison_table, pairs_of
 from vibroswarm.study.run import run
-from vibroswarm.study.runner import Job, Progress, StudyProgress, failures_in_words
+from vibroswarm.study.runner import Job, Progress, failures_in_words
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import Outcome, outcome_of, remove_file, write_outcome
@@ -144,17 +142,19 @@ def run_with_bar(
     """
     if not isinstance(progress, bool):
         return run(study, folder, progress=progress, **how)
-    if not (progress and is_watched()):
-        return run(study, folder, **how)
-    line = ProgressLine("simulating")
-    try:
-        return run(study, folder, progress=lambda now: line.show(now.done, now.wanted, _failed(now)), **how)
-    finally:
-        line.end()
+    from rich.console import Console
+    from rich.progress import Progress as Bars
 
-
-def _failed(now: StudyProgress) -> str:
-    return f"{count(now.failed, 'batch', 'batches')} failed" if now.failed else ""
+    console = Console(stderr=True)
+    is_watched = console.is_terminal or console.is_jupyter
+    with Bars(console=console, disable=not (progress and is_watched)) as bars:
+        task = bars.add_task("simulating")
+        return run(
+            study,
+            folder,
+            progress=lambda now: bars.update(task, total=now.wanted, completed=now.done),
+            **how,
+        )
 
 
 @dataclass(frozen=True, eq=False)

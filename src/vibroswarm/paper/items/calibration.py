@@ -10,6 +10,7 @@ measured values of the claims are rows of ``claims.MEASURED``.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib.util import find_spec
 from typing import Any, Final
 
 import numpy as np
@@ -23,7 +24,6 @@ from vibroswarm.calibrate.real_vs_simulated import Comparison, camera_between, c
 from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
 from vibroswarm.calibrate.similarity import null_similarity, similarity
 from vibroswarm.core.numbers import stated
-from vibroswarm.core.optional_library import lacking
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import (
     AUTHORS,
@@ -412,6 +412,10 @@ def _states(source: str, result: Result) -> pl.DataFrame:
     )
 
 
+def _without_library() -> str | None:
+    return None if find_spec("sklearn") else "It needs scikit-learn: pip install 'vibroswarm[lab]'."
+
+
 _SHOWN: Final = (
     TableView(
         "similarities",
@@ -456,6 +460,6 @@ ITEM: Final = Item(
     compute=compute,
     pictures=pictures,
     shown=_SHOWN,
-    skipped=lambda settings: missing(settings.recordings) or lacking("sklearn", "lab"),
+    skipped=lambda settings: missing(settings.recordings) or _without_library(),
     also=lambda settings: "" if settings.recordings is None else hash_of(settings.recordings),
 )
