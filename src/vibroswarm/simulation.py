@@ -16,7 +16,7 @@ import vibroswarm.motion.physics.sources  # noqa: F401  (these make themselves k
 from vibroswarm.core.jit import source_hash
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.ticks import reached
-from vibroswarm.errors import InputError, check_kind, shown, whole_number_of
+from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
@@ -118,36 +118,18 @@ def replay(result: Result, scenario: Scenario) -> Result:
             ``scenario`` is not loaded, readings cannot be tested against its decision boundary, or the runs ended when
             all robots had decided.
     """
-    check_kind(result, Result, "result", "a Result, as simulate() returns")
     check_scenario(scenario)
+    result.scenario.strategy.check_loaded()
     if result.seed is None:
-        raise InputError(
-            "was recorded: what its robots read cannot be drawn again; replay it with 'vibroswarm lab replay'",
-            field="result",
-        )
+        raise InputError("was recorded: what its robots read cannot be drawn again", field="result")
     for section in OF_MOTION:
         if getattr(scenario, section) != getattr(result.scenario, section):
-            part = section.removeprefix("motion_")
-            which = "robots that stop" if part == "faults" else f"[{part}]"
-            raise InputError(
-                f"a replay keeps the motion, and so {which} as it was; simulate again to change it",
-                field=part,
-            )
+            raise InputError("a replay keeps the motion, and so this section as it was", field=section)
     if scenario.run.stop != "t_end":  # true of the result too: both have the same section ``run``
         raise InputError("these runs ended when all had decided; their motion is cut short", field="run.stop")
-    refuse_steering(scenario)
-    own = result.scenario.strategy
-    if own.code is not None and own.name not in known():
+    if steers(scenario) or steers(result.scenario):
         raise InputError(
-            f"its strategy '{own.name}' is not loaded, so whether it steered these robots is not known; import "
-            f"'{own.code.partition(':')[0]}' first",
-            field="result",
-        )
-    if steers(result.scenario):
-        raise InputError(
-            f"'{result.scenario.strategy.name}' steered these robots, so no other scenario has their motion; "
-            "replay a result of a strategy that does not steer, such as 'none'",
-            field="result",
+            "steers its robots, and a replay keeps their motion; simulate it instead", field="strategy"
         )
     seed = result.seed
     runs = result.runs["run"].to_list()
@@ -241,19 +223,6 @@ def steers(scenario: Scenario) -> bool:
     """Return whether a scenario's strategy steers the robots; False if its code is not loaded."""
     chosen = known().get(scenario.strategy.name)
     return chosen is not None and chosen.steer is not None
-
-
-def refuse_steering(scenario: Scenario) -> None:
-    """Refuse a scenario that cannot be replayed because its strategy steers the robots.
-
-    Raises:
-        InputError: the strategy steers.
-    """
-    if steers(scenario):
-        raise InputError(
-            f"'{scenario.strategy.name}' steers its robots, and a replay keeps their motion; simulate it instead",
-            field="strategy.name",
-        )
 
 
 def _to_the_end(
