@@ -52,7 +52,8 @@ def _opened(path: Path) -> Iterator[Any]:
     """
     cv2 = opencv()
     name = str(path)
-    if check_plain(path, LARGEST_BYTES, "a video") == 0:
+    check_plain(path, LARGEST_BYTES, "a video")
+    if path.stat().st_size == 0:
         raise InputError("is empty: 0 bytes; copy it from the camera again", field=name)
     logging = cv2.utils.logging
     level = logging.getLogLevel()
