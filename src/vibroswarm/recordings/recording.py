@@ -161,16 +161,12 @@ class Recording(Result):
             raise InputError("is not a recording; make one with 'vibroswarm lab import'", field=str(folder))
         result = Result._read(folder)
         about = read_manifest(folder)
-        extra = {
-            name: read_table(folder / f"{name}.parquet", schema, name)
-            for name, schema in _EXTRA_TABLES.items()
-        }
-        return cls(
-            **{one.name: getattr(result, one.name) for one in fields(Result)},
-            **extra,
-            **{key: tuple(about[key]) for key in ("names", "sessions", "stated", "inferred")},
-            floor_words=about["floor"],
-        )
+        values: dict[str, Any] = {one.name: getattr(result, one.name) for one in fields(Result)}
+        for name, schema in _EXTRA_TABLES.items():
+            values[name] = read_table(folder / f"{name}.parquet", schema, name)
+        for key in ("names", "sessions", "stated", "inferred"):
+            values[key] = tuple(about[key])
+        return cls(**values, floor_words=about["floor"])
 
 
 def read_result(folder: str | Path) -> Result:
