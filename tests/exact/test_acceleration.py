@@ -12,9 +12,8 @@ from scipy.stats import kurtosis
 
 import vibroswarm as v
 from helpers.closed_loop import followed, reads_as_tables
-from vibroswarm.cli import main
 from vibroswarm.floors.floor import Place
-from vibroswarm.observation.energy_model import error_rates, sensor_warnings
+from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.observation.observe import Places, sense_program
 from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step
 from vibroswarm.scenario.scenario import Scenario
@@ -290,69 +289,6 @@ def test_its_law_of_energies_tells_the_kinds_apart() -> None:
     assert still[2] > 5 * vibrating[2]
 
 
-ALIASED = [
-    ((165.0, 185.0), {}, "show it at 165 Hz"),  # folds onto it
-    ((100.0, 450.0), {}, "show it at 100 Hz"),  # one rate higher
-    (
-        (60.0, 120.0),
-        {"amplitude_m_s2": 25.0},
-        "show 2 x 60 Hz at 120 Hz",
-    ),  # tiles shaken by more than gravity
-    ((165.0, 84.0), {"lateral": 3.0}, "show 2 x 84 Hz at 168 Hz"),  # a magnitude doubles what is horizontal
-    (
-        (50.0, 150.0),
-        {"rate_hz": 1000.0, "amplitude_m_s2": 40.0},
-        "show 3 x 50 Hz at 150 Hz",
-    ),
-    (
-        (90.0, 170.0),
-        {"amplitude_m_s2": 40.0},
-        "show 2 x 90 Hz at 170 Hz",
-    ),  # twice 90 folds onto it: 350 - 180
-    ((120.0, 121.0), {}, "500 ms of them tell lines 4 Hz apart"),
-    ((120.0, 124.0), {"frequency_jitter": 0.02, "signal_ms": 2000.0}, "wanders by 2.4"),
-    # A fast motor keeps the spectrum of the slow ones short.
-    (
-        (20.0, 30.0, 2000.0),
-        {"rate_hz": 6000.0, "cutoff_hz": 10.0},
-        "42.7 ms of them tell lines 46.9 Hz apart",
-    ),
-    ((30.0, 100.0), {"noise_m_s2": 3.0}, "does not stand out"),
-    ((165.0,), {"rate_hz": 100.0, "cutoff_hz": 10.0}, "show it at 35 Hz"),  # alone
-]
-APART = [
-    ((165.0, 185.0), {"rate_hz": 1000.0}),
-    ((90.0, 140.0), {}),
-    ((60.0, 120.0), {}),  # multiples that are weak
-    ((55.0, 110.0, 165.0), {}),
-    ((165.0, 84.0), {"lateral": 3.0, "axis": "x"}),
-    ((120.0, 122.0), {"frequency_jitter": 0.0, "signal_ms": 2000.0}),
-    ((80.0, 130.0), {"rate_hz": 1000.0}),
-    ((20.0, 30.0), {"rate_hz": 6000.0, "cutoff_hz": 10.0}),  # means of readings make a spectrum of all 500 ms
-    ((165.0,), {}),
-]
-
-
-def of_motors(motor_hz: tuple[float, ...], fields: dict[str, object]) -> Scenario:
-    base = {"sample.stop_ms": 2500.0, "sensor.model": "acceleration"} | (SEVERAL if len(motor_hz) > 1 else {})
-    own = {f"sensor.acceleration.{name}": value for name, value in ({"motor_hz": motor_hz} | fields).items()}
-    return Scenario().with_values(base | own)
-
-
-@pytest.mark.parametrize(("motor_hz", "fields", "why"), ALIASED)
-def test_motors_that_look_alike_are_warned_of(
-    motor_hz: tuple[float, ...], fields: dict[str, object], why: str
-) -> None:
-    assert why in sensor_warnings(of_motors(motor_hz, fields).sensor)[0]
-
-
-@pytest.mark.parametrize(("motor_hz", "fields"), APART)
-def test_motors_that_are_told_apart_are_not_warned_of(
-    motor_hz: tuple[float, ...], fields: dict[str, object]
-) -> None:
-    assert sensor_warnings(of_motors(motor_hz, fields).sensor) == []
-
-
 def confusion(
     motor_hz: tuple[float, ...], kinds: tuple[int, ...], threshold: float
 ) -> tuple[float, float, int]:
@@ -442,23 +378,6 @@ def test_a_sample_measures_the_features_that_are_asked_for() -> None:
         * gain(60.0, 350.0, program.feedback, program.forward)
     )
     assert MODEL.sensed(samples, p)[0, 1] == pytest.approx(own, rel=0.05)
-
-
-def test_commands_warn_of_aliases(capsys: pytest.CaptureFixture[str]) -> None:
-    options = [
-        "--task",
-        "majority",
-        "--strategy",
-        "dirichlet",
-        "--floor",
-        "random:0.2,0.6,0.2",
-        "--set",
-        "run.t_end_s=5",
-    ]
-    motors = ["--set", "sensor.model=acceleration", "--set", "sensor.acceleration.motor_hz=[165,185]"]
-    assert main(["run", *options, *motors]) == 0
-    said = "Warning: kind 2 (185 Hz) is read as kind 1 (165 Hz) in 100 % of samples, even far from edges"
-    assert said in capsys.readouterr().err
 
 
 def test_noise_is_made_of_the_published_numbers_of_splitmix64() -> None:

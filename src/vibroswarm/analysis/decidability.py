@@ -22,9 +22,9 @@ samples make the wrong answer surer**. q falls as theta grows. For any single f 
 this theta may put all floors on that side. A correcting threshold therefore has to be right for the mirror image of f
 across the boundary too (with the same spillover). There is none if vibrating tiles do not read higher than still ones.
 
-With ``boundary_of = "tiles"`` robots correct for the errors that they claim (``sensor.claimed_rates``, or those of the
-sensor's likelihood), while q is always that of the true law. Then q is on the wrong side only if they claim or assume
-wrong error rates, or if vibration crosses the edges of this floor more, or less, than on an average random floor.
+With ``boundary_of = "tiles"`` robots correct for the errors that they claim (``sensor.claimed_rates``, else the true
+ones), while q is always that of the true law. Then q is on the wrong side only if they claim or assume wrong error
+rates, or if vibration crosses the edges of this floor more, or less, than on an average random floor.
 
 All this is about a robot's own samples. Under soft or positive feedback robots also hear beliefs or decisions: these
 make the answer to which the samples lean, right or wrong, faster and surer, but do not change it.

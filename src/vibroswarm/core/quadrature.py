@@ -1,4 +1,4 @@
-"""Nodes and weights of Gauss's quadrature with the same bits on every processor.
+"""Nodes and weights of Gauss-Hermite quadrature with the same bits on every processor.
 
 NumPy finds the nodes by linear algebra, so that their last digits depend on the processor. They are rounded here, and
 the weights are computed from the rounded nodes.
@@ -10,7 +10,7 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from numpy.polynomial import hermite_e, legendre
+from numpy.polynomial import hermite_e
 
 from vibroswarm.core.arrays import Floats
 
@@ -25,18 +25,7 @@ def over_normal(nodes: int) -> tuple[Floats, Floats]:
     before = hermite_e.hermeval(
         at, np.eye(nodes)[-1]
     )  # He_(n-1), of which the weights are the inverse square
-    return _as_shares(at, (np.abs(before).max() / before) ** 2)
-
-
-@cache
-def over_interval(nodes: int) -> tuple[Floats, Floats]:
-    """Return nodes in (-1, 1) and weights, (nodes,) each, for means over that interval; weights sum to 1."""
-    at = np.round(legendre.leggauss(nodes)[0], DECIMALS)
-    before = legendre.legval(at, np.eye(nodes)[-1])  # P_(n-1)
-    return _as_shares(at, (1.0 - at * at) / before**2)
-
-
-def _as_shares(at: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    weights = (np.abs(before).max() / before) ** 2
     shares = weights / weights.sum()
     for values in (at, shares):
         values.setflags(write=False)

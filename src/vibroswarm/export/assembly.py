@@ -24,7 +24,6 @@ from vibroswarm.robot.sensing import ClassBorders, SenseProgram
 from vibroswarm.robot.walk import WalkProgram
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.sensors.claims import class_borders
 from vibroswarm.strategies.base import Strategy
 from vibroswarm.strategies.static_analysis import fields_read, reads_places
 from vibroswarm.strategies.world import World, belief_below
@@ -134,7 +133,7 @@ def borders_of(sensor: Sensor) -> ClassBorders | None:
     model = sensors.sensor(sensor.model)
     if model.sense is not None:
         return None
-    least = class_borders(model, sensor.params, getattr(sensor.params, "rms_threshold", None))
+    least = model.class_borders(sensor.params)
     return None if (least == np.arange(1, least.size + 1)).all() else ClassBorders(least)
 
 

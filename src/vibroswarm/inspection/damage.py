@@ -149,7 +149,7 @@ def ratios_at(law: Law, value: Floats) -> Floats:
 def contrast_ratios(law: Law, value: Floats, contrast: float) -> Floats:
     """Return the log likelihood ratio of values for damage of a contrast, against no damage, in the shape of value.
 
-    At contrast 1 it is that of the law; below, that of the likelihood that the sensor claims at the contrast
+    At contrast 1 it is that of the law; below, that of the sensor's likelihood at the contrast
     (``energy_model.likelihood_at``).
     """
     if contrast >= 1.0:

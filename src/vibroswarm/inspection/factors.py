@@ -40,7 +40,7 @@ from vibroswarm.inspection.damage import (
     tiles_below,
 )
 from vibroswarm.inspection.samples import Floats, Law, Samples, read_by
-from vibroswarm.observation.energy_model import MOST, claimed_rates, claims_truth
+from vibroswarm.observation.energy_model import MOST
 
 STEP: Final = 0.05
 """Change of the log factor over which kappa is computed."""
@@ -203,10 +203,8 @@ def _log_tables(law: Law, contrasts: tuple[float, ...]) -> Floats:
 @lru_cache(maxsize=4096)
 def _rates_at(law: Law, factor: float) -> tuple[float, float]:
     """Return the probability, as robots claim it, of a reading of 1 on still and on vibrating tiles of a factor."""
-    if not claims_truth(law.sensor):
-        still, vibrating = np.clip(
-            claimed_rates(law.typical.sensor, law.place, factor)[:, 1], 1e-6, 1.0 - 1e-6
-        )
+    if law.sensor.claimed_rates is not None:
+        still, vibrating = np.clip(np.array(law.sensor.claimed_rates)[:, 1], 1e-6, 1.0 - 1e-6)
         return float(still), float(vibrating)
     table = quantiles_of(law.typical)
     still, vibrating = (

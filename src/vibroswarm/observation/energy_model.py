@@ -10,7 +10,8 @@
 | true and claimed rates | - | - | ``rates``, by which samples are read; ``claimed_rates``, by which robots weigh them |
 
 The laws are those of the scenario's sensor (``sensors``). Those of a sensor that measures at each place depend on the
-grid, ``place`` (None: not known, then that of the study). L is what robots claim, unless it is ``exact``. Near edges a
+grid, ``place`` (None: not known, then that of the study). L of a bit is by the rates that robots claim, unless it is
+``exact``. Near edges a
 sample has a value of one kind or the other, never a mixture, so L is the same there. A faulty sensor changes only the
 reading. If a fault has changed the bit, so that it contradicts the energy, L is the log ratio of the bit, by the error
 rates.
@@ -32,9 +33,6 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Place
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import SensorModel
-from vibroswarm.sensors.claims import CLAIMED_AS_TRUE
-from vibroswarm.sensors.claims import claimed_rates as rates_of_likelihood
-from vibroswarm.sensors.claims import likelihood_at as density_at
 
 
 def model_of(sensor: Sensor) -> SensorModel:
@@ -52,16 +50,12 @@ def is_sensed(sensor: Sensor) -> bool:
     return model_of(sensor).sense is not None
 
 
-def sensor_warnings(sensor: Sensor) -> list[str]:
-    """Return what the sensor says of kinds that its robots cannot tell apart; nothing if its code is not loaded."""
-    known = sensor.entry
-    return [] if known is None or known.warnings is None else known.warnings(sensor.params)
-
-
 AT_ONCE: Final = 4096
 """Samples whose densities are computed at once for all factors: fewer calls, and little memory."""
 NO_CONTRASTS: Final = np.empty(0)
-"""Contrasts of places of which none is between still and vibrating."""
+"""No intermediate contrasts."""
+CLAIMED_AS_TRUE: Final = 1e-3
+"""Claimed rates that differ by at most this from the true ones count as these."""
 
 
 def shares_below(
@@ -144,43 +138,19 @@ def _check_two(sensor: Sensor, shape: tuple[int, ...]) -> None:
         )
 
 
-def claims_truth(sensor: Sensor) -> bool:
-    """Return whether robots know their sensor's true rates, because nothing else is claimed."""
-    model = model_of(sensor)
-    claims = model.likelihood is not None and model.measure is not None and not model.claims_truth
-    return sensor.claimed_rates is None and not claims
+def claimed_rates(sensor: Sensor, place: Place | None = None) -> NDArray[np.float64]:
+    """Return the probability that a sample on each kind of tile reads as each class, as robots believe.
 
+    It is ``sensor.claimed_rates``; else they know the true ones.
 
-def claimed_rates(sensor: Sensor, place: Place | None = None, factor: float = 1.0) -> NDArray[np.float64]:
-    """Return the probability, as robots claim it, that a sample on each kind of tile reads as each class.
-
-    They are ``sensor.claimed_rates``; else those of the likelihood that the sensor states (``sensors.claims``); else
-    the true ones. Averages over factors of tiles and robots are those of ``rates``.
-
-    Args:
-        factor: of the values of a sensor that states a likelihood, if tiles and robots do not differ.
     Returns: (kinds, classes).
-    Raises:
-        CodeError: the likelihood does not sum to 1.
     """
-    if sensor.claimed_rates is not None:
-        return np.array(sensor.claimed_rates)
-    if claims_truth(sensor):
-        return rates(sensor, place)
-    model, p = model_of(sensor), sensor.params
-    threshold = getattr(p, "rms_threshold", None)
-    if not factors_differ(sensor):
-        return rates_of_likelihood(model, p, threshold, factor)
-    claimed = [
-        weight * rates_of_likelihood(model, p, threshold, each_factor)
-        for each_factor, weight in zip(*(each.tolist() for each in typical_factors(sensor)), strict=True)
-    ]
-    return np.asarray(np.sum(claimed, axis=0))
+    return rates(sensor, place) if sensor.claimed_rates is None else np.array(sensor.claimed_rates)
 
 
 def claimed_error_rates(sensor: Sensor, place: Place | None = None) -> tuple[float, float]:
     """Return ``error_rates`` as robots claim them (``claimed_rates``); raises the same error."""
-    if claims_truth(sensor):
+    if sensor.claimed_rates is None:
         return error_rates(sensor, place)
     claimed = claimed_rates(sensor, place)
     _check_two(sensor, claimed.shape)
@@ -189,7 +159,7 @@ def claimed_error_rates(sensor: Sensor, place: Place | None = None) -> tuple[flo
 
 def claims_differ(sensor: Sensor, place: Place | None = None) -> bool:
     """Return whether robots claim other rates than the true ones."""
-    return not claims_truth(sensor) and bool(
+    return sensor.claimed_rates is not None and bool(
         (np.abs(claimed_rates(sensor, place) - rates(sensor, place)) > CLAIMED_AS_TRUE).any()
     )
 
@@ -360,12 +330,12 @@ def log_likelihood(
 def likelihood_at(
     sensor: Sensor, contrast: float, energy: NDArray[np.float64], place: Place | None = None
 ) -> NDArray[np.float64]:
-    """Return the likelihood that robots claim of energies at a contrast between still and vibrating, (samples,).
+    """Return the likelihood of energies at a contrast between still and vibrating, (samples,).
 
-    See ``sensors.claims.likelihood_at``; if tiles or robots differ, it is the mean as in ``log_likelihood``.
+    If tiles or robots differ, it is the mean as in ``log_likelihood``.
     """
     model, p = model_of(sensor), _params(sensor, place)
-    return mean_density(sensor, energy, lambda value: density_at(model, contrast, value, p))
+    return mean_density(sensor, energy, lambda value: model.densities_at(contrast, value, p))
 
 
 def mean_density(

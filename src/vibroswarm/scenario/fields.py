@@ -386,7 +386,7 @@ class Sensor(Choice):
     """Differences between the robots' sensors, likewise per robot and run."""
     claimed_rates: Rates | None = None
     """What robots believe of their sensor: a row for each kind of tile, with the share of samples that read as each
-    class. If omitted, what follows from the likelihood that the sensor states. It changes no reading."""
+    class. If omitted, they know the true ones. It changes no reading."""
 
     @property
     def params(self) -> Any:

@@ -22,7 +22,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import combinations
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -30,7 +29,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from vibroswarm.core.jit import inner, kernel, signed
-from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.core.rng import ALONE, FIRST, HARDWARE, MOTOR, OF_SENSOR, VIBRATION, normal, uniform
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Place, tile_below
@@ -568,95 +566,6 @@ def _densities(p: Any, place: Place) -> list[Callable[[Values], Values]]:
     return [density_of(each, scale) for each in energies]
 
 
-HARMONICS: Final = (1, 2, 3)
-"""Multiples of a motor's frequency that may be seen as another motor's."""
-TRIED: Final = 200
-"""Samples of each kind that are simulated to see which motors look alike."""
-CONFUSED: Final = 0.02
-"""Motors look alike if more of the samples of one than this share are read as the other."""
-
-
-def aliases(p: Any) -> list[str]:
-    """Return a sentence for each pair of motors that look alike, and for each motor beyond half of the rate."""
-    shares = confusions(p)
-    alike = []
-    for one, other in combinations(range(len(p.motor_hz)), 2):
-        if shares[other, one] > shares[one, other]:
-            one, other = other, one
-        if shares[one, other] > CONFUSED:
-            alike.append(_alike_words(one, other, float(shares[one, other]), p))
-    folded = [
-        f"readings at {stated(p.rate_hz)} Hz are too few for the motor of kind {kind}, at {stated(hz)} Hz, and "
-        f"show it at "
-        f"{number(alias_hz(hz, p.rate_hz), digits=4)} Hz; a rate above {stated(2.0 * hz)} Hz shows it where it is"
-        for kind, hz in enumerate(p.motor_hz, start=1)
-        if hz > 0.5 * p.rate_hz
-    ]
-    return [*alike, *folded]
-
-
-@lru_cache(maxsize=64)
-def confusions(p: Any) -> Values:
-    """Return the share of samples of each kind's motor (rows) whose largest line is nearest to each kind's motor.
-
-    Samples are taken in the middle of floors of one kind, so that what is confused is so everywhere.
-    """
-    motors, number = len(p.motor_hz), np.arange(TRIED)
-    if motors == 1:
-        return np.ones((1, 1))
-    middle_m = np.full(TRIED, 0.5 * STUDY_GRID.columns * STUDY_GRID.width_m)
-    seen_hz = _seen_hz(p)
-    shares = np.zeros((motors, motors))
-    for kind in range(1, motors + 1):
-        tiles = np.full(STUDY_GRID.rows * STUDY_GRID.columns, kind, dtype=np.uint8)
-        times_s = np.asarray(2.0 * p.motor_hold_s * number)
-        samples = Samples(
-            STUDY_GRID, tiles, middle_m, middle_m, times_s, robot=number, sample=number, seed=0, run=0
-        )
-        peak_hz = acceleration.sensed(samples, p)[:, numbers(p).index("peak_hz")]
-        nearest = np.abs(peak_hz[:, None] - seen_hz).argmin(axis=1)
-        shares[kind - 1] = np.bincount(nearest, minlength=motors) / TRIED
-    return shares
-
-
-def _alike_words(one: int, other: int, share: float, p: Any) -> str:
-    """Say that samples of one motor's tiles are read as the other's, and why."""
-    kinds_hz = (
-        f"kind {one + 1} ({stated(p.motor_hz[one])} Hz)",
-        f"kind {other + 1} ({stated(p.motor_hz[other])} Hz)",
-    )
-    return (
-        f"{kinds_hz[0]} is read as {kinds_hz[1]} in {percent(share, 0)} of samples, even far from edges: "
-        f"{_why_alike(one, other, p)}"
-    )
-
-
-def _why_alike(one: int, other: int, p: Any) -> str:
-    """Say why two motors look alike."""
-    its_hz = alias_hz(p.motor_hz[other], p.rate_hz)
-    resolution_hz = 2.0 / spectrum_s(p)
-    for multiple in HARMONICS:
-        line_hz = multiple * p.motor_hz[one]
-        seen_hz = alias_hz(line_hz, p.rate_hz)
-        if abs(seen_hz - its_hz) < resolution_hz:
-            times = "it" if multiple == 1 else f"{multiple} x {stated(p.motor_hz[one])} Hz"
-            folded = f"readings at {stated(p.rate_hz)} Hz show {times} at {number(seen_hz, digits=4)} Hz"
-            return (
-                f"{folded}, and {number(1000.0 * spectrum_s(p), digits=3)} ms of them tell lines "
-                f"{number(resolution_hz, digits=3)} Hz apart"
-            )
-    seen_hz, wander_hz = alias_hz(p.motor_hz[one], p.rate_hz), p.frequency_jitter * p.motor_hz[one]
-    if abs(seen_hz - its_hz) < 4.0 * wander_hz:
-        return f"its frequency wanders by {number(wander_hz, digits=3)} Hz (frequency_jitter)"
-    return "its line does not stand out of other motors' and of the noise"
-
-
-def spectrum_s(p: Any) -> float:
-    """Return the time that the spectrum of a sample spans, s."""
-    every = averaged_readings(p)
-    return every * min(readings(sensing(p)) // every, POINTS) / float(p.rate_hz)
-
-
 def check(p: Any) -> None:
     """Refuse bands beyond half of the rate, a time shorter than a period, and features that do not exist, or twice."""
     field = "sensor.acceleration"
@@ -716,12 +625,10 @@ acceleration = register(
         reading=reading,
         likelihood=likelihood,
         numbers=numbers,
-        warnings=aliases,
         check=check,
         accelerometer=sensing,
         for_more_kinds="give each kind from 1 on a motor, in sensor.acceleration.motor_hz",
         has_threshold=True,
-        claims_truth=True,
         about="tiles shaken by motors, felt by an accelerometer: the physics, through the robot's own filter",
     )
 )

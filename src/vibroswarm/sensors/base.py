@@ -36,9 +36,8 @@ shares, at 0, 3, ..., 747 s (``reference_values``). Of n_i such samples on kind 
 classes j, the share is (n_ij + 1/2) / (n_i + k/2).
 
 ``measure`` must not fall as u grows, nor ``reading`` as the value grows: the share of samples that read as a class
-follows from this exactly, without random numbers (``shares_up_to``). What is measured and what robots claim are two
-things: ``likelihood`` may state another law than ``measure`` draws from, for robots that are wrong about their sensor.
-Samples are read by ``measure``; robots that know their sensor go by the rates of ``likelihood`` (``sensors.claims``).
+follows from this exactly, without random numbers (``shares_up_to``). ``likelihood`` states the law that ``measure``
+draws from. Robots that are wrong about their sensor are stated by ``sensor.claimed_rates``.
 """
 
 from __future__ import annotations
@@ -67,14 +66,12 @@ if TYPE_CHECKING:
 
 MOST_KINDS: Final = 16
 """Largest number of kinds of tile, and of classes of readings."""
+MOST_NUMBERS: Final = 16
+"""Most numbers that a sample measures."""
 TRIED: Final = (np.arange(1000) + 0.5) / 1000
 """Uniform numbers at which it is seen whether readings rise."""
 Values = NDArray[np.float64]
 """Measured values, of any shape."""
-
-
-MOST_NUMBERS: Final = 16
-"""Most numbers that a sample measures."""
 OTHER_COLUMNS: Final = frozenset({"run", "robot", "sample", "tile", "energy", "observation"})
 """Columns of the table of observations beside those of the numbers beyond the first."""
 STUDY_GRID: Final = Place(rows=5, columns=5, width_m=0.2, height_m=0.2, left_m=0.0, top_m=1.0)
@@ -105,16 +102,6 @@ class Samples(NamedTuple):
     run: int
 
 
-def _two(p: Any) -> int:
-    """Return 2, the number of kinds and of readings of a sensor that does not state another."""
-    return 2
-
-
-def _one_energy(p: Any) -> tuple[str, ...]:
-    """Return the name of the one number of a sensor that does not state others."""
-    return ("energy",)
-
-
 @dataclass(frozen=True, kw_only=True)
 class SensorModel(Plugin):
     """A sensor, see the module's docstring.
@@ -125,7 +112,6 @@ class SensorModel(Plugin):
         has_threshold: whether the parameters, in a table of their own, have ``rms_threshold`` of the section beside.
         numbers: names of the numbers of a value, a function of the parameters. In tables the first is the column
             ``energy``, and the others are columns of their names.
-        warnings: optional, a function of the parameters that returns sentences on what robots cannot tell apart.
         share_at_most: optional, a function (kind, thresholds, p) for sensors whose reading is 1 above
             ``sensor.rms_threshold``: the share of values of a kind at or below each threshold, if that has a formula.
         check: optional, a function of the parameters that raises an ``InputError`` if they do not go together.
@@ -135,16 +121,14 @@ class SensorModel(Plugin):
         accelerometer: optional, for a sensor that reads the robot's accelerometer: a function of the parameters that
             returns its rate, filter and time of reading (``robot.sensing``).
         for_more_kinds: how to give it more kinds of tile, for messages.
-        claims_truth: whether ``likelihood`` states the law of ``measure``. The rates that robots claim are then those
-            of ``measure`` to the last bit, and are not summed up from the likelihood.
     """
 
     reading: Callable[[Values, Any], NDArray[Any]] | None = None
     class_of: Callable[[Any, Any], int] | None = None
     measure: Callable[[int, Values, Any], Values] | None = None
     sense: Callable[[Samples, Any], Values] | None = None
-    kinds: Callable[[Any], int] = _two
-    readings: Callable[[Any], int] = _two
+    kinds: Callable[[Any], int] = lambda p: 2
+    readings: Callable[[Any], int] = lambda p: 2
     likelihood: Callable[[int, Values, Any], Values] | None = None
     likelihood_at: Callable[[float, Values, Any], Values] | None = None
     share_at_most: Callable[[int, Values, Any], Values] | None = None
@@ -153,37 +137,25 @@ class SensorModel(Plugin):
     scales: bool = False
     accelerometer: Callable[[Any], SenseProgram] | None = None
     for_more_kinds: str = 'give it a law, as with sensor.model = "confusion"'
-    claims_truth: bool = False
     has_threshold: bool = False
-    numbers: Callable[[Any], tuple[str, ...]] = _one_energy
-    warnings: Callable[[Any], list[str]] | None = None
+    numbers: Callable[[Any], tuple[str, ...]] = lambda p: ("energy",)
 
     def __post_init__(self) -> None:
         """Check the name and the functions, and replace the class of parameters (``Plugin``).
 
         Raises:
             InputError: the name is invalid, or ``measure`` (or ``sense``) or ``reading`` (or ``class_of``) is not a
-                function or draws random numbers of its own, or ``class_of`` is there in vain.
+                function or draws random numbers of its own.
         """
         super().__post_init__()
-        field = f"sensor '{self.name}'"
-        if self.class_of is not None and (self.sense is None or self.reading is not None):
-            raise InputError(
-                "has class_of, which takes the place of reading in a sensor with sense", field=field
-            )
-        for part in (
-            "measure" if self.sense is None else "sense",
-            "reading" if self.class_of is None else "class_of",
-        ):
-            if not callable(getattr(self, part)):
-                raise InputError(f"has no function {part}", field=field)
+        for part, function in {
+            "measure": self.measure or self.sense,
+            "reading": self.reading or self.class_of,
+        }.items():
+            if not callable(function):
+                raise InputError(f"has no function {part}", field=f"sensor '{self.name}'")
         # ``sense`` may have a generator of its own, which it seeds by the address of chance that it is given.
         refuse_chance((self.measure, self.reading, self.class_of, self.likelihood), "use u, of measure")
-
-    def __hash__(self) -> int:
-        """Hash the sensor with its functions: its laws are cached."""
-        functions = [one for one in vars(self).values() if callable(one) and not isinstance(one, type)]
-        return hash((self.name, self.code, *functions))
 
     def number_of(self, what: Literal["kinds", "readings"], p: BaseModel) -> int:
         """Return the number of kinds of tile, or of classes of readings.
@@ -194,9 +166,7 @@ class SensorModel(Plugin):
         with errors_in(self.code):
             count = getattr(self, what)(p)
         if type(count) is not int or not 2 <= count <= MOST_KINDS:
-            raise CodeError(
-                f"sensor '{self.name}', {what}: returned {shown(count)}; return a whole number from 2 to {MOST_KINDS}"
-            )
+            raise self._returned(what, count, f"a whole number from 2 to {MOST_KINDS}")
         return count
 
     def names_of_numbers(self, p: BaseModel) -> tuple[str, ...]:
@@ -207,21 +177,16 @@ class SensorModel(Plugin):
                 function raised an error.
         """
         with errors_in(self.code):
-            names = self.numbers(p)
-        if (
-            not isinstance(names, tuple)
-            or not all(isinstance(name, str) and name.isprintable() for name in names)
-            or not 1 <= len(names) == len(set(names)) <= MOST_NUMBERS
-            or not OTHER_COLUMNS.isdisjoint(names[1:])
-        ):
-            raise CodeError(
-                f"sensor '{self.name}', numbers: returned {shown(names)}; return a tuple of 1 to {MOST_NUMBERS} "
-                f"different names; beyond the first, {', '.join(sorted(OTHER_COLUMNS))} are taken"
+            names = tuple(self.numbers(p))
+        if not 1 <= len(set(names)) == len(names) <= MOST_NUMBERS or not OTHER_COLUMNS.isdisjoint(names[1:]):
+            taken = ", ".join(sorted(OTHER_COLUMNS))
+            raise self._returned(
+                "numbers", names, f"1 to {MOST_NUMBERS} different names, but none of {taken}"
             )
         return names
 
     def densities(self, kind: int, value: Values, p: BaseModel) -> Values:
-        """Return the likelihood that robots claim of values on a kind of tile, in the shape of ``value``.
+        """Return the likelihood of values on a kind of tile, in the shape of ``value``.
 
         Args:
             value: of ``sense``, (samples, numbers), a likelihood for each row; nan where a number is not known.
@@ -233,30 +198,27 @@ class SensorModel(Plugin):
             raise InputError(
                 f"sensor '{self.name}' states no likelihood, which is needed here", field="sensor.model"
             )
-        return self._checked_densities("likelihood", kind, value, p)
-
-    def _checked_densities(
-        self, part: Literal["likelihood", "likelihood_at"], of: float, value: Values, p: BaseModel
-    ) -> Values:
-        """Return what one of the likelihoods says of values on a kind, or at a contrast; raises as ``densities``."""
-        wrong = f"sensor '{self.name}', {part}: returned %s; return one number of at least 0 for each value"
-        with errors_in(self.code):
-            found = np.asarray(getattr(self, part)(of, read_only(value), p), dtype=np.float64)
-        if found.shape != (value.shape if self.sense is None else value.shape[:1]):
-            raise CodeError(wrong % shown(found))
-        if np.isnan(found).any() and np.isnan(value).any():
-            raise InputError(
-                f"the likelihood of '{self.name}' needs {', '.join(self.names_of_numbers(p))}, and only the first is "
-                "known of these samples",
-                field="sensor.model",
-            )
-        if not (found >= 0.0).all():
-            raise CodeError(wrong % shown(found))
-        return found
+        return self._densities("likelihood", kind, value, p)
 
     def densities_at(self, contrast: float, value: Values, p: BaseModel) -> Values:
-        """Return the likelihood that the sensor states at a contrast (``likelihood_at``); raises as ``densities``."""
-        return self._checked_densities("likelihood_at", contrast, value, p)
+        """Return the likelihood of values at a contrast between the kinds 0 and 1; raises as ``densities``.
+
+        It is what the sensor states (``likelihood_at``); else it follows from the quantiles of both kinds, in steps
+        between those at ``_contrast_levels``, and is 0 beyond them.
+        """
+        if self.likelihood_at is not None:
+            return self._densities("likelihood_at", contrast, value, p)
+        u = _contrast_levels()
+        still, vibrating = (self.values(kind, u, p).astype(np.float32).astype(float) for kind in (0, 1))
+        quantile = mixed(still, vibrating, contrast)
+        density = np.diff(u) / np.maximum(np.diff(quantile), 1e-9)
+        return np.interp(value, 0.5 * (quantile[1:] + quantile[:-1]), density, left=0.0, right=0.0)
+
+    def _densities(self, part: str, of: float, value: Values, p: BaseModel) -> Values:
+        with errors_in(self.code):
+            density = np.asarray(getattr(self, part)(of, read_only(value), p), dtype=np.float64)
+        wanted = "one number of at least 0 for each value"
+        return self._checked(part, density, self._one_for_each(value), density >= 0.0, wanted)
 
     def values(self, kind: int, u: Values, p: BaseModel) -> Values:
         """Return what samples measure on a kind of tile, in the shape of ``u``.
@@ -270,12 +232,9 @@ class SensorModel(Plugin):
             return np.quantile(self.reference_values(p)[kind][:, 0], u)
         with errors_in(self.code):
             values = np.asarray(self.measure(kind, read_only(u), p), dtype=np.float64)
-        if values.shape != u.shape or not np.isfinite(values).all():
-            raise CodeError(
-                f"sensor '{self.name}', measure: returned {_wrong(values, np.isfinite(values))}; return one finite "
-                "number for each of u"
-            )
-        return values
+        return self._checked(
+            "measure", values, u.shape, np.isfinite(values), "one finite number for each of u"
+        )
 
     def sensed(self, samples: Samples, p: BaseModel) -> Values:
         """Return what ``sense`` measures at samples of one run, (samples, numbers).
@@ -286,20 +245,13 @@ class SensorModel(Plugin):
             CodeError: ``sense`` returned another shape, or numbers that are not finite.
         """
         assert self.sense is not None
-        arrays: dict[str, Any] = {
-            name: read_only(value)
-            for name, value in samples._asdict().items()
-            if isinstance(value, np.ndarray)
-        }
+        given: list[Any] = [read_only(each) if isinstance(each, np.ndarray) else each for each in samples]
         with errors_in(self.code):
-            values = np.asarray(self.sense(samples._replace(**arrays), p), dtype=np.float64)
+            values = np.asarray(self.sense(Samples(*given), p), dtype=np.float64)
         shape = (samples.x_m.size, len(self.names_of_numbers(p)))
-        if values.shape != shape or not np.isfinite(values).all():
-            raise CodeError(
-                f"sensor '{self.name}', sense: returned {_wrong(values, np.isfinite(values))}; return finite numbers "
-                f"of the shape {shape}"
-            )
-        return values
+        return self._checked(
+            "sense", values, shape, np.isfinite(values), f"finite numbers of the shape {shape}"
+        )
 
     def reference_values(self, p: BaseModel) -> tuple[Values, ...]:
         """Return what samples at reference places measure, by kind of the tile below: (samples, numbers) each.
@@ -336,16 +288,11 @@ class SensorModel(Plugin):
         """
         count = self.number_of("readings", p)
         with errors_in(self.code):
-            found = np.asarray(self._read(value, p))
-        # Values that are not numbers, such as None, are no class.
-        classes = found.astype(np.int64) if found.dtype.kind in "biuf" else np.full(found.shape, -1)
-        is_class = (classes >= 0) & (classes < count) & (classes == found)
-        if found.shape != (value.shape if self.sense is None else value.shape[:1]) or not is_class.all():
-            raise CodeError(
-                f"sensor '{self.name}', {'reading' if self.class_of is None else 'class_of'}: returned "
-                f"{_wrong(found, is_class)}; return a class from 0 to {count - 1} for each value"
-            )
-        return classes
+            classes = np.asarray(self._read(value, p), dtype=np.float64)
+        is_class = (classes >= 0) & (classes < count) & (classes == np.floor(classes))
+        wanted = f"a class from 0 to {count - 1} for each value"
+        part = "reading" if self.class_of is None else "class_of"
+        return self._checked(part, classes, self._one_for_each(value), is_class, wanted).astype(np.int64)
 
     def _read(self, value: Values, p: BaseModel) -> Any:
         """Return what the file says of values: all at once, or row by row."""
@@ -353,6 +300,20 @@ class SensorModel(Plugin):
             return [self.class_of(row, p) for row in value.tolist()]
         assert self.reading is not None
         return self.reading(read_only(value), p)
+
+    def _one_for_each(self, value: Values) -> tuple[int, ...]:
+        return value.shape if self.sense is None else value.shape[:1]
+
+    def _checked(
+        self, part: str, values: Values, shape: tuple[int, ...], is_right: NDArray[np.bool_], wanted: str
+    ) -> Values:
+        """Return what one of the functions returned, or refuse it: wrong values give wrong readings."""
+        if values.shape != shape or not is_right.all():
+            raise self._returned(part, values if is_right.all() else values[~is_right][0].item(), wanted)
+        return values
+
+    def _returned(self, part: str, value: object, wanted: str) -> CodeError:
+        return CodeError(f"sensor '{self.name}', {part}: returned {shown(value)}; return {wanted}")
 
     def shares_up_to(self, kind: int, factors: Values, p: BaseModel) -> Values:
         """Return the share of samples whose reading is at most j, for each class j but the last.
@@ -373,11 +334,10 @@ class SensorModel(Plugin):
 
     def _shares_of(self, kind: int, factors: Values, p: BaseModel) -> Values:
         """Compute ``shares_up_to``."""
-        borders = range(1, self.number_of("readings", p))
         if self.measure is None:
+            count = self.number_of("readings", p)
             classes = self.classes(self.reference_values(p)[kind], p)
-            count = len(borders) + 1
-            below = np.array([np.count_nonzero(classes < border) + 0.5 * border for border in borders])
+            below = np.array([np.count_nonzero(classes < j) + 0.5 * j for j in range(1, count)])
             return np.tile(below / (classes.size + 0.5 * count), (factors.size, 1))
         # ``check_sensor`` looks more closely; here what would make readings and values of a run contradict each other.
         if (np.diff(self.classes(self.values(kind, TRIED, p), p)) < 0).any():
@@ -399,24 +359,32 @@ class SensorModel(Plugin):
     def _shares_up_to(
         self, measured: Callable[[Values], Values], shape: tuple[int, ...], p: BaseModel
     ) -> Values:
-        borders = range(1, self.number_of("readings", p))
-        return np.stack([self._first_above(measured, shape, border, p) for border in borders], axis=-1)
+        """Return the largest u whose reading is below each class but 0, found by bisection to the last bit."""
+        shares = []
+        for border in range(1, self.number_of("readings", p)):
+            low, high = np.full(shape, 2.0**-53), np.full(shape, 1.0 - 2.0**-53)
+            low_is_below, high_is_below = (self.classes(measured(end), p) < border for end in (low, high))
+            for _ in range(64):  # each halves the interval; doubles in (0, 1) are 2^-53 apart at most
+                middle = 0.5 * (low + high)
+                is_below = self.classes(measured(middle), p) < border
+                low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
+            shares.append(np.where(high_is_below, 1.0, np.where(low_is_below, low, 0.0)))
+        return np.stack(shares, axis=-1)
 
-    def _first_above(
-        self, measured: Callable[[Values], Values], shape: tuple[int, ...], border: int, p: BaseModel
-    ) -> Values:
-        """Return the largest u whose reading is below ``border``, of a shape, found by bisection to the last bit."""
+    def class_borders(self, p: BaseModel) -> Values:
+        """Return the least values that read as class 1, 2 and so on, (classes - 1,); inf if nothing measured does.
 
-        def below(u: Values) -> NDArray[np.bool_]:
-            return self.classes(measured(u), p) < border
-
-        low, high = np.full(shape, 2.0**-53), np.full(shape, 1.0 - 2.0**-53)
-        low_is_below, high_is_below = below(low), below(high)
-        for _ in range(64):  # each halves the interval; doubles in (0, 1) are 2^-53 apart at most
+        Values beyond the measured ones read as the nearest of these.
+        """
+        measured = np.unique([self.values(kind, TRIED, p) for kind in range(self.number_of("kinds", p))])
+        borders = np.arange(1, self.number_of("readings", p))
+        first = np.searchsorted(self.classes(measured, p), borders)
+        low, high = measured[np.maximum(first - 1, 0)], measured[np.minimum(first, measured.size - 1)]
+        for _ in range(64):
             middle = 0.5 * (low + high)
-            is_below = below(middle)
+            is_below = self.classes(middle, p) < borders
             low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
-        return np.where(high_is_below, 1.0, np.where(low_is_below, low, 0.0))
+        return np.where(first == 0, -np.inf, np.where(first == measured.size, np.inf, high))
 
 
 @lru_cache(maxsize=256)
@@ -432,6 +400,13 @@ def _shares_of_values(
     shares = model._shares_of(kind, np.ones(1), p)
     shares.setflags(write=False)
     return shares
+
+
+def _contrast_levels() -> Values:
+    """Quantile levels at which laws at contrasts are tabulated, denser near 0 and 1."""
+    from scipy.special import ndtr  # its import takes long
+
+    return np.asarray(ndtr(np.linspace(-4.5, 4.5, 4000)[np.linspace(0, 3999, 200).round().astype(np.int64)]))
 
 
 @lru_cache(maxsize=16)
@@ -464,9 +439,3 @@ register, forget, names, known, sensor = (
     _registry.known,
     _registry.get,
 )
-
-
-def _wrong(values: NDArray[Any], is_right: NDArray[np.bool_]) -> str:
-    """Return the first value that is not right, for a message; if all are, the whole array, whose shape is wrong."""
-    wrong = values[~is_right]
-    return str(wrong[0]) if wrong.size else shown(values)

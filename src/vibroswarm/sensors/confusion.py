@@ -103,7 +103,6 @@ confusion = register(
         reading=reading,
         likelihood=likelihood,
         check=check,
-        claims_truth=True,
         for_more_kinds="set sensor.confusion.kinds, or give sensor.confusion.rates a row for each kind",
         about="several kinds of tile, each read as each class with a given probability",
     )

@@ -194,7 +194,6 @@ energies = register(
         check=check,
         in_section=True,
         scales=True,
-        claims_truth=True,
         about="energies are drawn from measured ones (--energies FILE)",
     )
 )

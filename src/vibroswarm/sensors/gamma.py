@@ -78,7 +78,6 @@ gamma = register(
         likelihood=likelihood,
         in_section=True,
         scales=True,
-        claims_truth=True,
         about="energies of still and of vibrating tiles have gamma distributions",
     )
 )
