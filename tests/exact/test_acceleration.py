@@ -14,7 +14,7 @@ import vibroswarm as v
 from helpers.closed_loop import followed, reads_as_tables
 from vibroswarm.floors.floor import Place
 from vibroswarm.observation.energy_model import error_rates
-from vibroswarm.observation.observe import Places, sense_program
+from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples, sensor
@@ -259,14 +259,6 @@ def test_closed_loop_and_tables_are_equal() -> None:
         }
     )
     assert reads_as_tables(*followed(changing.with_values({"strategy.name": "explore"}), 4))
-
-
-def test_sensors_on_the_same_paths_measure_each_its_own() -> None:
-    few = scenario().with_values({"run.t_end_s": 20.0})
-    motion, floors = v.simulate(few, 1, 1).motion, {0: few.floor_for(1, 0)}
-    shared = Places(1, motion)
-    for one in (few, scenario(noise_m_s2=3.0), few):
-        assert np.array_equal(shared.read(one, floors).values, Places(1, motion).read(one, floors).values)
 
 
 def test_a_change_of_the_floor_is_felt() -> None:

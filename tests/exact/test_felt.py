@@ -15,7 +15,7 @@ from vibroswarm.motion.source import MOTION
 from vibroswarm.observation.decision_boundary import sensed_shares_on
 from vibroswarm.observation.edge_response import nearest_of_kind, response_of
 from vibroswarm.observation.energy_model import error_rates, shares_below
-from vibroswarm.observation.observe import Places, observe
+from vibroswarm.observation.observe import observe, read_samples
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -152,11 +152,11 @@ def test_floors_of_different_sizes_in_one_table() -> None:
 
 
 def test_tiles_of_a_floor_that_is_drawn_once_keep_their_factors() -> None:
-    """Of two samples at one place, in two runs, which cells with either floor share."""
-    places = Places(3, samples_at(np.full(2, 0.1), np.full(2, 0.1), robots=1, runs=2))
+    """Of two samples at one place, in two runs."""
+    places = samples_at(np.full(2, 0.1), np.full(2, 0.1), robots=1, runs=2)
     for redraw in ("run", "study"):
         scenario = Scenario(sensor=Sensor(tile_spread=0.2)).with_values({"floor.redraw": redraw})
-        first, second = places.read(scenario, {0: HALVES, 1: HALVES}, energies=True).factors
+        first, second = read_samples(scenario, 3, places, {0: HALVES, 1: HALVES}, energies=True).factors
         assert (first == second) == (redraw == "study")
 
 

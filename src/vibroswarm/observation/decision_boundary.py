@@ -70,18 +70,14 @@ def readings_boundary(scenario: Scenario) -> float:
             tiles, or the strategy's feedback needs a boundary of 1/2 and q(x) is not 1/2.
     """
     decision = scenario.decision
-    x = decision.decision_boundary
     if decision.boundary_of == "readings":
-        return x
-    assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
-    tested = _expected_at(scenario, x, assumed)
+        return decision.decision_boundary
+    tested = _expected_at(scenario)
     # Sums of shares of tiles may be off by rounding.
     if is_neutral_at_half_only(scenario) and not math.isclose(tested, 0.5, rel_tol=1e-12):
         raise InputError(
             f"'{scenario.strategy.name}' is neutral at a boundary of 0.5 only, and this one is tested at "
-            f"{tested:.4f} of the readings; "
-            + ('set decision.boundary_of = "readings", or choose' if x == 0.5 else "choose")
-            + " another strategy",
+            f'{tested:.4f} of the readings; choose another strategy, or decision.boundary_of = "readings"',
             field="strategy.name",
         )
     return tested
@@ -117,15 +113,15 @@ def expected_classes_on(sensor: Sensor, floor: Floor, size: Size) -> NDArray[np.
     Args:
         size: width and height of the arena, m, with this floor.
     """
+    tiled = tiled_share(floor.geometry, size)
     if floor.surface is not PLAIN:
-        contrasts, shares_of_them = floor.contrast_shares(*size)
-        below = mean_shares_below(sensor, np.unique(contrasts))[sensor.kinds :, 0]  # of two classes
-        ones = (shares_of_them * (1.0 - below)[np.searchsorted(np.unique(contrasts), contrasts)]).sum()
-        tiled, beside = tiled_share(floor.geometry, size), rates(sensor)[0, 1]
-        ones = tiled * ones + (1.0 - tiled) * beside
+        contrasts, area = floor.contrast_shares(*size)
+        levels, level = np.unique(contrasts, return_inverse=True)
+        below = mean_shares_below(sensor, levels)[sensor.kinds :, 0]  # of two classes
+        ones = tiled * (area * (1.0 - below)[level]).sum() + (1.0 - tiled) * rates(sensor)[0, 1]
         return np.array([1.0 - ones, ones])
     shares = np.array([floor.share_within(kind, *size) for kind in range(sensor.kinds)])
-    tiled, by_kind = tiled_share(floor.geometry, size), rates(sensor, place_of(floor))
+    by_kind = rates(sensor, place_of(floor))
     return np.asarray(tiled * (shares[:, None] * by_kind).sum(axis=0) + (1.0 - tiled) * by_kind[0])
 
 
@@ -174,8 +170,8 @@ def mean_sensed_shares(
     neighbours = (2 * within_m / width_m + 2) * (2 * within_m / height_m + 2)
     if min(neighbours, rows * columns) > MAX_NEIGHBOURS:
         raise InputError(
-            f"edges sensed {within_m:g} m away reach over too many tiles of {width_m:g} m x {height_m:g} m for "
-            'decision.boundary_of = "tiles"; give decision.assumed_false_positive and assumed_false_negative',
+            f'{within_m:g} m is too far for decision.boundary_of = "tiles" on tiles of {width_m:g} m x {height_m:g} m; '
+            "give decision.assumed_false_positive and assumed_false_negative",
             field="sensor.edge_reach_m",
         )
     x = _points(columns, width_m, left_m, size[0], within_m, grid)
@@ -200,37 +196,35 @@ def tiled_share(geometry: Geometry, size: Size) -> float:
     return min(max(across, 0.0) * max(up, 0.0) / (size[0] * size[1]), 1.0)
 
 
-def _expected_at(scenario: Scenario, x: float, given: tuple[float | None, float | None]) -> float:
+def _expected_at(scenario: Scenario) -> float:
     """Return q(x), the boundary of readings, by the error rates that robots assume.
 
-    Args:
-        x: the decision boundary. given: assumed rates of false positives and of false negatives. None stands for the
-            rate that the sensor claims: the mean over uniformly random places on random floors of fill ratio x, which
-            includes the effect of edges.
+    A rate that the scenario does not give is the one that the sensor claims: the mean over uniformly random places on
+    random floors of fill ratio x, which includes the effect of edges.
+
     Raises:
         InputError: the rates sum to 1 or more, or edges reach over too many tiles.
     """
-    sensor = scenario.sensor
-    sensed = mean_sensed_shares(sensor, geometry_of(scenario), scenario.arena.size_m, x)
+    sensor, decision = scenario.sensor, scenario.decision
+    sensed = mean_sensed_shares(
+        sensor, geometry_of(scenario), scenario.arena.size_m, decision.decision_boundary
+    )
     v = sensed.vibrating
     # of false positives and of false negatives, away from edges
     a, b = claimed_error_rates(sensor, grid_of(scenario))
-    # Shares of the still and of the vibrating area that are sensed as vibrating. A kind without any area gets the share
-    # that it would have without edges.
-    of_still = sensed.spillover / (1.0 - v) if v < 1.0 else 0.0
-    of_vibrating = sensed.detected / v if v > 0.0 else 1.0
-    positive, negative = given
+    positive, negative = decision.assumed_false_positive, decision.assumed_false_negative
     # A place has the bit 1 if it is sensed as vibrating and is no false negative, or if it is sensed as still and is a
-    # false positive.
+    # false positive. A kind without any area gets the share that it would have without edges.
     if positive is None:
+        of_still = sensed.spillover / (1.0 - v) if v < 1.0 else 0.0
         positive = of_still * (1.0 - b) + (1.0 - of_still) * a
     if negative is None:
+        of_vibrating = sensed.detected / v if v > 0.0 else 1.0
         negative = of_vibrating * b + (1.0 - of_vibrating) * (1.0 - a)
     if positive + negative >= 1.0:
         raise InputError(
-            '"tiles" needs readings that tell still from vibrating tiles: the rates of false positives '
-            f"({positive:.3g}) and of false negatives ({negative:.3g}) have to sum to less than 1; "
-            "change sensor.rms_threshold, or the assumed rates",
+            f'"tiles" needs rates of false positives ({positive:.3g}) and negatives ({negative:.3g}) that sum to less '
+            "than 1; change sensor.rms_threshold, or the assumed rates",
             field="decision.boundary_of",
         )
     return v * (1.0 - negative) + (1.0 - v) * positive
@@ -290,66 +284,41 @@ def _points(
             of its points are multiplied by the number of inner lanes.
     """
     reach_tiles = int(np.ceil(within_m / size_m))
-    at: list[NDArray[np.float64]] = []
-    length: list[NDArray[np.float64]] = []
-    lane: list[NDArray[np.int64]] = []
-    inner: int | None = None  # position, in the three lists, of the lane that represents all inner lanes
-    inner_lanes = 1
-    for number in range(count):
-        low, high = first_m + number * size_m, first_m + (number + 1) * size_m
-        # fits: the lane lies inside the arena, up to rounding. A lane that does not has fewer points, and can neither
-        # represent other lanes nor be represented by one.
-        fits = low >= -1e-12 * arena_m and high <= arena_m * (1 + 1e-12)
-        if fits and not every and reach_tiles <= number < count - reach_tiles:
-            if inner is not None:
-                inner_lanes += 1
-                continue
-            inner, inner_lanes = len(at), 1
-        points = _within_lane(low, high, max(low, 0.0), min(high, arena_m), within_m, grid)
-        at.append(points[0])
-        length.append(points[1])
-        lane.append(np.full(points[0].size, number))
-    if inner is not None:
-        length[inner] *= inner_lanes
-    end_m = first_m + count * size_m
+    lows_m = [first_m + number * size_m for number in range(count)]
+    highs_m = [first_m + (number + 1) * size_m for number in range(count)]
+    inner = [
+        number
+        for number in range(reach_tiles, count - reach_tiles)
+        # A lane that does not lie inside the arena, up to rounding, has fewer points.
+        if not every and lows_m[number] >= -1e-12 * arena_m and highs_m[number] <= arena_m * (1 + 1e-12)
+    ]
+    parts = [  # low, high, number of points, lane, number of lanes
+        (max(low, 0.0), min(high, arena_m), points, number, len(inner) if number in inner else 1)
+        for number in range(count)
+        if number not in inner[1:]
+        for low, high, points in _within_lane(lows_m[number], highs_m[number], within_m, grid)
+    ]
     # The borders of the arena beside the floor.
-    for low, high in ((max(first_m - within_m, 0.0), first_m), (end_m, min(end_m + within_m, arena_m))):
-        if high > low:
-            at.append(_midpoints(low, high, grid))
-            length.append(np.full(grid, (high - low) / grid))
-            lane.append(np.full(grid, -1))
-    return np.concatenate(at), np.concatenate(length), np.concatenate(lane)
+    end_m = first_m + count * size_m
+    parts.append((max(first_m - within_m, 0.0), first_m, grid, -1, 1))
+    parts.append((end_m, min(end_m + within_m, arena_m), grid, -1, 1))
+    parts = [part for part in parts if part[1] > part[0]]
+    return (
+        np.concatenate([low + (np.arange(n) + 0.5) * (high - low) / n for low, high, n, _, _ in parts]),
+        np.concatenate([np.full(n, (high - low) / n * lanes) for low, high, n, _, lanes in parts]),
+        np.concatenate([np.full(n, lane) for _, _, n, lane, _ in parts]),
+    )
 
 
-def _within_lane(
-    low: float, high: float, first: float, last: float, within_m: float, grid: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the points of a lane, and the length that each point represents, m; both empty if no part is in the arena.
+def _within_lane(low: float, high: float, within_m: float, grid: int) -> list[tuple[float, float, int]]:
+    """Return the parts of a lane, each with its number of points.
 
     Farther than ``within_m`` from both sides of the lane no edge is sensed, so one point represents all places there.
-
-    Args:
-        low, high: coordinates between which the lane lies, m. first, last: the same of the part of the lane that lies
-            in the arena, which alone has points. grid: number of points in a lane or, if its middle is out of reach of
-            edges, in each part near an edge.
     """
-    if high - low > 2 * within_m:
-        ends = (low, low + within_m, high - within_m, high)
-        parts = [(ends[0], ends[1], grid), (ends[1], ends[2], 1), (ends[2], ends[3], grid)]
-    else:
-        parts = [(low, high, grid)]
-    at, length = [np.empty(0)], [np.empty(0)]  # one empty part, so that there is something to concatenate
-    for start, end, points in parts:
-        start, end = max(start, first), min(end, last)
-        if end > start:
-            at.append(_midpoints(start, end, points))
-            length.append(np.full(points, (end - start) / points))
-    return np.concatenate(at), np.concatenate(length)
-
-
-def _midpoints(low: float, high: float, grid: int) -> NDArray[np.float64]:
-    """Return the midpoints of ``grid`` equal parts of the interval from ``low`` to ``high``."""
-    return low + (np.arange(grid) + 0.5) * (high - low) / grid
+    if high - low <= 2 * within_m:
+        return [(low, high, grid)]
+    near, far = low + within_m, high - within_m
+    return [(low, near, grid), (near, far, 1), (far, high, grid)]
 
 
 @kernel

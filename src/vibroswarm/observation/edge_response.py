@@ -12,16 +12,12 @@ On a tile, only edges between tiles count, not the floor's outer edge. A place o
 index -1), so near a vibrating tile it may sense that tile.
 In the functions a sample's place is (``x_m``, ``y_m``), ``place`` is the position of the floor and of its grid, and
 ``tiles`` holds the kinds of its tiles (1 vibrating, 0 still), row by row from the top.
-
-The edges of preset `calibrated` were fitted to tiles of one size. On smaller tiles they are an extrapolation, and
-``edge_warnings`` says so.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -29,13 +25,11 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.elementary import exp
 from vibroswarm.core.jit import inner, kernel
-from vibroswarm.core.numbers import number
 from vibroswarm.core.rng import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
 from vibroswarm.floors.floor import Floor, Place
-from vibroswarm.floors.surfaces import PLAIN, STEPS, edge_distance
-from vibroswarm.observation.energy_model import NO_CONTRASTS, factors_differ, is_sensed, shares_below
-from vibroswarm.scenario.fields import FloorField, Sensor
-from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.floors.surfaces import STEPS, edge_distance
+from vibroswarm.observation.energy_model import factors_differ, is_sensed, shares_below
+from vibroswarm.scenario.scenario import Scenario
 
 FAR = 6.0
 """An edge is taken not to be sensed from farther than its reach plus FAR blurs: one sample in 10^9 would sense it."""
@@ -253,15 +247,12 @@ def factor_row(response: Response, r: int, robot: int, sensed: int) -> int:
 
 def contrasts_of(floors: Iterable[Floor]) -> NDArray[np.float64]:
     """Return the contrasts between still and vibrating that occur on floors, ascending."""
-    surfaces = [floor.surface for floor in floors if floor.surface is not PLAIN]
-    if not surfaces:
-        return NO_CONTRASTS
     steps: set[int] = set()
-    for surface in surfaces:
-        if surface.values is not None:
-            steps |= set(np.unique(surface.values).tolist())
-        steps |= {round(patch.contrast * STEPS) for patch in surface.patches}
-    return np.array(sorted(steps - {0, STEPS})) / STEPS
+    for floor in floors:
+        if floor.surface.values is not None:
+            steps.update(np.unique(floor.surface.values).tolist())
+        steps.update(round(patch.contrast * STEPS) for patch in floor.surface.patches)
+    return np.array(sorted(steps - {0, STEPS}), dtype=np.float64) / STEPS
 
 
 def kinds_with(floor: Floor, contrasts: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -269,9 +260,8 @@ def kinds_with(floor: Floor, contrasts: NDArray[np.float64]) -> NDArray[np.uint8
     values = floor.surface.values
     if values is None:
         return floor.tiles.ravel()
-    return np.array([_kind_with(step / STEPS, contrasts) for step in range(STEPS + 1)], dtype=np.uint8)[
-        values.ravel()
-    ]
+    kinds = [_kind_with(step / STEPS, contrasts) for step in range(STEPS + 1)]
+    return np.array(kinds, dtype=np.uint8)[values.ravel()]
 
 
 def _kind_with(contrast: float, contrasts: NDArray[np.float64]) -> int:
@@ -284,8 +274,6 @@ def _patches_of(
     floors: Sequence[Floor], contrasts: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return ``Response.patches`` and ``first_patch``."""
-    if all(floor.surface is PLAIN for floor in floors):
-        return np.empty((0, 6)), np.zeros(len(floors) + 1, dtype=np.int64)
     rows = [
         (p.x_m, p.y_m, p.width_m, p.height_m, float(p.is_disc), float(_kind_with(p.contrast, contrasts)))
         for floor in floors
@@ -295,43 +283,36 @@ def _patches_of(
     return np.array(rows, dtype=np.float64).reshape(-1, 6), np.cumsum([0, *counts], dtype=np.int64)
 
 
-def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], floors: Sequence[Floor]) -> Response:
+def response_of(scenario: Scenario, seed: int, runs: Sequence[int], floors: Sequence[Floor]) -> Response:
     """Return the response of the sensors in some runs.
 
     Args:
-        runs: (runs,): the run numbers. floors: of each run, in the order of ``runs``.
+        runs: the run numbers. floors: of each run, in the order of ``runs``.
     """
     sensor, tiles = scenario.sensor, [floor.tiles.size for floor in floors]
-    count = len(tiles)
     contrasts = contrasts_of(floors)
     patches, first_patch = _patches_of(floors, contrasts)
-    if not factors_differ(sensor):  # one row, with factor 1, for all runs, robots and tiles
-        first, per_robot, factors = np.zeros(count, np.int64), np.ones(count, np.int64), np.ones(1)
-        # A sensor that depends on the place is read sample by sample (``observe``), so that no shares are needed.
-        shares = (
-            np.zeros((1, sensor.kinds, sensor.readings - 1))
-            if is_sensed(sensor)
-            else shares_below(sensor, contrasts=contrasts)
-        )
-    else:
-        factors_of_runs = [
-            _factors(scenario, seed, run, size) for run, size in zip(runs.tolist(), tiles, strict=True)
-        ]
-        factors = np.concatenate(factors_of_runs) if factors_of_runs else np.ones(1)
-        # Index of each run's first row: the number of rows of all runs before it.
-        first = np.cumsum([0, *(len(of_run) for of_run in factors_of_runs)])[:count]
-        # If tiles differ, a robot has one row for places on no tile and one for each tile.
-        per_robot = np.array([size + 1 if sensor.tile_spread else 1 for size in tiles], dtype=np.int64)
-        shares = shares_below(sensor, factors, contrasts)
+    # One row, with factor 1, for all runs, robots and tiles.
+    factors, first, per_robot = np.ones(1), [0] * len(tiles), [1] * len(tiles)
+    if factors_differ(sensor) and tiles:
+        of_runs = [_factors(scenario, seed, run, size) for run, size in zip(runs, tiles, strict=True)]
+        factors = np.concatenate(of_runs)
+        first = np.cumsum([0, *map(len, of_runs[:-1])]).tolist()
+        if sensor.tile_spread:
+            per_robot = [size + 1 for size in tiles]
+    # A sensor that depends on the place is read sample by sample (``observe``), so that no shares are needed.
+    shares = np.zeros((1, sensor.kinds, sensor.readings - 1))
+    if not is_sensed(sensor):
+        shares = np.ascontiguousarray(shares_below(sensor, factors, contrasts))
     return Response(
         edges=sensor.edge_reach_m is not None or sensor.edge_blur_m is not None,
         reach_m=sensor.edge_reach_m or 0.0,
         blur_m=sensor.edge_blur_m or 0.0,
         robots_differ=sensor.robot_spread is not None,
-        first=first,
-        per_robot=per_robot,
+        first=np.array(first, dtype=np.int64),
+        per_robot=np.array(per_robot, dtype=np.int64),
         factors=factors,
-        shares_below=np.ascontiguousarray(shares),
+        shares_below=shares,
         contrasts=contrasts,
         patches=patches,
         first_patch=first_patch,
@@ -347,78 +328,22 @@ def _factors(scenario: Scenario, seed: int, run: int, tiles: int) -> NDArray[np.
     Args:
         tiles: number of tiles of the run's floor.
     """
-    sensor = scenario.sensor
+    sensor, robots = scenario.sensor, range(scenario.swarm.robots)
     of_tile, of_robot = np.ones(1), np.ones(1)
     if sensor.tile_spread is not None:
         # With redraw = "study" all runs use the floor of run 0, with that floor's factors. With redraw = "run" each run
         # draws its own factors, even if the floor's tiles are fixed.
         number = run if scenario.floor.redraw == "run" else 0
-        # 1.0 is the factor of places on no tile.
-        of_tile = np.append(1.0, _log_normal(factor_numbers(seed, number, tiles, False), sensor.tile_spread))
+        u = [uniform(seed, number, 0, HARDWARE, tile, OF_TILE) for tile in range(tiles)]
+        of_tile = np.append(1.0, _log_normal(u, sensor.tile_spread))  # 1.0 for places on no tile
     if sensor.robot_spread is not None:
-        of_robot = _log_normal(factor_numbers(seed, run, scenario.swarm.robots, True), sensor.robot_spread)
+        u = [uniform(seed, run, robot, HARDWARE, 0, OF_SENSOR) for robot in robots]
+        of_robot = _log_normal(u, sensor.robot_spread)
     return np.asarray(np.outer(of_robot, of_tile).ravel())
 
 
-def _log_normal(u: NDArray[np.float64], spread: float) -> NDArray[np.float64]:
-    """Return the quantiles ``u`` of a log-normal distribution of mean 1.
-
-    Args:
-        u: in (0, 1). spread: standard deviation of the logarithm.
-    """
+def _log_normal(u: list[float], spread: float) -> NDArray[np.float64]:
+    """Return the quantiles ``u`` of a log-normal distribution of mean 1, whose logarithm has this spread."""
     from scipy.special import ndtri
 
     return exp(spread * ndtri(u) - 0.5 * spread**2)
-
-
-def factor_numbers(seed: int, run: int, count: int, robots: bool) -> NDArray[np.float64]:
-    """Return the uniform numbers from which factors of robots (``robots`` true) or tiles are drawn, (count,)."""
-    out = np.empty(count)
-    _fill_factor_numbers(seed, run, robots, out)
-    return out
-
-
-@kernel
-def _fill_factor_numbers(seed: int, run: int, robots: bool, out: NDArray[np.float64]) -> None:
-    """Write the numbers of ``factor_numbers`` to ``out``; k is the robot's or the tile's number in their addresses."""
-    for k in range(out.size):
-        robot, tile = (k, 0) if robots else (0, k)
-        out[k] = uniform(seed, run, robot, HARDWARE, tile, OF_SENSOR if robots else OF_TILE)
-
-
-FITTED_ON_M: Final = 0.2
-"""Side of the tiles of the recordings."""
-
-
-def edge_warnings(scenario: Scenario) -> list[str]:
-    """Return a list with a warning if edges as fitted to the recordings are used on smaller tiles; else no warning."""
-    if not _has_fitted_edges(scenario.sensor):
-        return []
-    side_m = shorter_side_m(scenario.floor, *scenario.arena.size_m)
-    # 1e-9: a side that is computed from the arena's size may be rounded down.
-    if side_m >= FITTED_ON_M * (1.0 - 1e-9):
-        return []
-    reach_mm = 1000.0 * (scenario.sensor.edge_reach_m or 0.0)
-    return [
-        f"vibration reaches {number(reach_mm, 0)} mm beyond edges, as fitted on tiles of "
-        f"{number(1000 * FITTED_ON_M, 0)} mm; on "
-        f"these of {number(1000 * side_m, digits=3)} mm that is an extrapolation"
-    ]
-
-
-def shorter_side_m(floor: FloorField, width_m: float, height_m: float) -> float:
-    """Return the shorter side of a tile, m.
-
-    Args:
-        width_m, height_m: size of the arena, which the tiles fill in a direction in which their size is not given.
-    """
-    tiles, _ = floor.tiles_for(0, 0)  # seed 0, run 0: random floors of all runs have the same size
-    rows, columns = tiles.shape
-    return min(floor.tile_width_m or width_m / columns, floor.tile_height_m or height_m / rows)
-
-
-@cache
-def _has_fitted_edges(sensor: Sensor) -> bool:
-    """Return whether edges have the reach and the blur of preset `calibrated`, which were fitted to recordings."""
-    fitted = preset("calibrated").sensor
-    return (sensor.edge_reach_m, sensor.edge_blur_m) == (fitted.edge_reach_m, fitted.edge_blur_m)

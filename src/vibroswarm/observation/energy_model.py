@@ -11,10 +11,9 @@
 
 The laws are those of the scenario's sensor (``sensors``). Those of a sensor that measures at each place depend on the
 grid, ``place`` (None: not known, then that of the study). L of a bit is by the rates that robots claim, unless it is
-``exact``. Near edges a
-sample has a value of one kind or the other, never a mixture, so L is the same there. A faulty sensor changes only the
-reading. If a fault has changed the bit, so that it contradicts the energy, L is the log ratio of the bit, by the error
-rates.
+``exact``. Near edges a sample has a value of one kind or the other, never a mixture, so L is the same there. A faulty
+sensor changes only the reading. If a fault has changed the bit, so that it contradicts the energy, L is the log ratio
+of the bit, by the error rates.
 """
 
 from __future__ import annotations
@@ -52,6 +51,8 @@ def is_sensed(sensor: Sensor) -> bool:
 
 AT_ONCE: Final = 4096
 """Samples whose densities are computed at once for all factors: fewer calls, and little memory."""
+NO_FACTORS: Final = np.ones(1)
+"""One row with factor 1."""
 NO_CONTRASTS: Final = np.empty(0)
 """No intermediate contrasts."""
 CLAIMED_AS_TRUE: Final = 1e-3
@@ -60,7 +61,7 @@ CLAIMED_AS_TRUE: Final = 1e-3
 
 def shares_below(
     sensor: Sensor,
-    factors: NDArray[np.float64] | None = None,
+    factors: NDArray[np.float64] = NO_FACTORS,
     contrasts: NDArray[np.float64] = NO_CONTRASTS,
     place: Place | None = None,
 ) -> NDArray[np.float64]:
@@ -69,23 +70,21 @@ def shares_below(
     The reading of a sample with the uniform number u is the number of these shares below u.
 
     Args:
-        factors: (rows,): factors that the values are multiplied by; None: one row with factor 1.
+        factors: (rows,): factors that the values are multiplied by.
         contrasts: (contrasts,): places between still and vibrating, which count as further kinds. place: the grid.
     Returns: (rows, kinds + contrasts, classes - 1), rising along the last axis; for two kinds and classes F(theta_E) of
         both.
     """
     model, p = model_of(sensor), _params(sensor, place)
-    if contrasts.size:
-        rows = np.ones(1) if factors is None else factors
-        return np.concatenate([shares_below(sensor, factors), model.shares_at(contrasts, rows, p)], axis=1)
-    kinds = range(sensor.kinds)
     if model.share_at_most is None:
-        rows = np.ones(1) if factors is None else factors
-        return np.stack([model.shares_up_to(kind, rows, p) for kind in kinds], axis=1)
-    # c G <= theta_E is G <= theta_E / c. A single threshold is no array, because its share is cached.
-    thresholds = np.asarray(sensor.rms_threshold) if factors is None else sensor.rms_threshold / factors
-    shares = [np.atleast_1d(model.share_at_most(kind, thresholds, p)) for kind in kinds]
-    return np.stack(shares, axis=1)[:, :, None]
+        shares = [model.shares_up_to(kind, factors, p) for kind in range(sensor.kinds)]
+    else:  # c G <= theta_E is G <= theta_E / c
+        thresholds = sensor.rms_threshold / factors
+        shares = [model.share_at_most(kind, thresholds, p)[:, None] for kind in range(sensor.kinds)]
+    of_kinds = np.stack(shares, axis=1)
+    if not contrasts.size:
+        return of_kinds
+    return np.concatenate([of_kinds, model.shares_at(contrasts, factors, p)], axis=1)
 
 
 def _params(sensor: Sensor, place: Place | None) -> Any:
@@ -99,9 +98,7 @@ def rates(sensor: Sensor, place: Place | None = None) -> NDArray[np.float64]:
     If tiles or robots differ, these are means over the distributions of their factors. They do not include the effect
     of edges, which depends on the floor (``decision_boundary.sensed_shares_on``).
     """
-    up_to = mean_shares_below(sensor, place=place)
-    whole = np.concatenate([np.zeros((up_to.shape[0], 1)), up_to, np.ones((up_to.shape[0], 1))], axis=1)
-    return np.diff(whole, axis=1)
+    return np.diff(mean_shares_below(sensor, place=place), axis=1, prepend=0.0, append=1.0)
 
 
 def mean_shares_below(
@@ -109,7 +106,7 @@ def mean_shares_below(
 ) -> NDArray[np.float64]:
     """Return ``shares_below`` averaged over the factors of tiles and robots, (kinds + contrasts, classes - 1)."""
     if not factors_differ(sensor):
-        return np.asarray(shares_below(sensor, contrasts=contrasts, place=place)[0])
+        return np.asarray(shares_below(sensor, NO_FACTORS, contrasts, place)[0])
     factors, weights = typical_factors(sensor)
     shares = shares_below(sensor, factors, contrasts, place)
     return np.asarray((weights[:, None, None] * shares).sum(axis=0))
@@ -123,17 +120,15 @@ def error_rates(sensor: Sensor, place: Place | None = None) -> tuple[float, floa
     Raises:
         InputError: the sensor has more than two kinds or classes.
     """
+    _check_two(sensor)
     shares = mean_shares_below(sensor, place=place)
-    _check_two(sensor, (shares.shape[0], shares.shape[1] + 1))
     return float(1.0 - shares[0, 0]), float(shares[1, 0])
 
 
-def _check_two(sensor: Sensor, shape: tuple[int, ...]) -> None:
-    """Refuse rates of another shape than (2, 2): kinds, classes."""
-    if shape != (2, 2):
+def _check_two(sensor: Sensor) -> None:
+    if max(sensor.kinds, sensor.readings) > 2:
         raise InputError(
-            f"sensor '{sensor.model}' has more than two kinds of tile or classes of readings, so it has no rates of "
-            "false positives and negatives",
+            f"'{sensor.model}' has no false positives and negatives; give two kinds of tile and two classes",
             field="sensor.model",
         )
 
@@ -152,9 +147,9 @@ def claimed_error_rates(sensor: Sensor, place: Place | None = None) -> tuple[flo
     """Return ``error_rates`` as robots claim them (``claimed_rates``); raises the same error."""
     if sensor.claimed_rates is None:
         return error_rates(sensor, place)
-    claimed = claimed_rates(sensor, place)
-    _check_two(sensor, claimed.shape)
-    return float(claimed[0, 1]), float(claimed[1, 0])
+    _check_two(sensor)
+    (_, positive), (negative, _) = sensor.claimed_rates
+    return positive, negative
 
 
 def claims_differ(sensor: Sensor, place: Place | None = None) -> bool:
@@ -192,8 +187,8 @@ def energies_of(
     energy = np.empty(u.size, dtype=np.float32)
     for one in range(sensor.kinds):
         energy[kind == one] = energy_of(sensor, one, u[kind == one])
-    if contrasts.size:
-        between = kind >= sensor.kinds
+    between = kind >= sensor.kinds
+    if between.any():
         contrast = contrasts[kind[between] - sensor.kinds]
         energy[between] = model_of(sensor).values_at(contrast, u[between], sensor.params)
     return energy if factors is None else (energy * factors).astype(np.float32)

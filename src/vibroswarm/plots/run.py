@@ -19,7 +19,6 @@ from vibroswarm.core.numbers import count, first_of, number
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.surfaces import STEPS, Patch
 from vibroswarm.motion.pose import pose
-from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.plots.layout import panels_of
 from vibroswarm.plots.picture import Picture, drawn, save_figure
@@ -174,8 +173,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     axes.set_title(
         f"{count(scenario.swarm.robots, 'robot')}, {floor_name}, {share} {number(fill_ratio, digits=3)}"
         f"{' at the end' if small else ''}, "
-        f"{feedback}, {origin}: {_outcome_in_words(result, run)}"
-        + "".join(f"\n({text})" for text in edge_warnings(scenario)),
+        f"{feedback}, {origin}: {_outcome_in_words(result, run)}",
         fontsize=9,
         wrap=True,
     )

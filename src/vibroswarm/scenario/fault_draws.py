@@ -274,7 +274,7 @@ def misread(
 
 @kernel
 def apply_faults(
-    faults: SensorFaults, run_index: NDArray[np.int64], robot: NDArray[np.uint16], sample: NDArray[np.uint32],
+    faults: SensorFaults, run_index: NDArray[np.int64], robot: NDArray[Any], sample: NDArray[Any],
     time_s: NDArray[np.float64], classes: int, seed: int, runs: NDArray[np.int64], observation: NDArray[np.uint8],
 ) -> None:  # fmt: skip
     """Replace readings, (samples,), of a sensor that depends on the place by those with its faults.

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from vibroswarm.core.jit import inner, kernel, signed
+from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, FIRST, HARDWARE, MOTOR, OF_SENSOR, VIBRATION, normal, uniform
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Place, tile_below
@@ -203,11 +203,6 @@ def response(tiles: tuple[int, int], frequency_hz: float, p: Any) -> Values:
     return np.abs(own * np.linalg.inv(own * np.eye(number.size) + p.coupling * laplacian))
 
 
-def amplitude_share(k: int, p: Any) -> float:
-    """Return the amplitude of the motor of kind ``k`` + 1, as a share of ``amplitude_m_s2``."""
-    return float(p.amplitude_shares[k]) if p.amplitude_shares else 1.0
-
-
 @lru_cache(maxsize=16)
 def _near_responses(rows: int, columns: int, p: Any) -> Values:
     """Return G^2 of the motors near each tile, (kinds - 1, tiles, SIDE x SIDE), rows and columns from -STEPS on.
@@ -216,45 +211,54 @@ def _near_responses(rows: int, columns: int, p: Any) -> Values:
     """
     if rows * columns > MOST_TILES:
         raise InputError(
-            f"a floor of {rows * columns} tiles is too large for the sensor 'acceleration', whose tiles' equations are "
-            f"solved together; at most {MOST_TILES}",
-            field="floor",
+            f"has {rows * columns} tiles; give at most {MOST_TILES} with sensor 'acceleration'", field="floor"
         )
     near = np.zeros((len(p.motor_hz), rows * columns, SIDE * SIDE))
-    for k, frequency_hz in enumerate(p.motor_hz):
-        square = (amplitude_share(k, p) * response((rows, columns), frequency_hz, p)) ** 2
+    shares = p.amplitude_shares or [1.0] * len(p.motor_hz)
+    for k, (frequency_hz, share) in enumerate(zip(p.motor_hz, shares, strict=True)):
+        square = (share * response((rows, columns), frequency_hz, p)) ** 2
+        padded = np.pad(square.reshape(-1, rows, columns), ((0, 0), (STEPS, STEPS), (STEPS, STEPS)))
         for i in range(rows * columns):
-            for down in range(-STEPS, STEPS + 1):
-                for across in range(-STEPS, STEPS + 1):
-                    row, column = i // columns + down, i % columns + across
-                    if 0 <= row < rows and 0 <= column < columns:
-                        near[k, i, (down + STEPS) * SIDE + across + STEPS] = square[i, row * columns + column]
+            row, column = divmod(i, columns)
+            near[k, i] = padded[i, row : row + SIDE, column : column + SIDE].ravel()
     return near
+
+
+class Motors(NamedTuple):
+    """The motors below the tiles of a floor."""
+
+    hz: Values
+    """(kinds - 1,): their frequencies."""
+    near: Values
+    """Their ``_near_responses``."""
+
+
+def motors_of(place: Place, p: Any) -> Motors:
+    """Return the motors of a floor."""
+    return Motors(np.array(p.motor_hz), _near_responses(place.rows, place.columns, p))
 
 
 @kernel
 def shake(
-    shaking: Shaking, motors_hz: Values, near: Values, tiles: NDArray[np.uint8], rate_hz: float,
-    x_m: float, y_m: float, time_s: float, seed: int, run: int, robot: int, sample: int, out: Values,
-) -> None:  # fmt: skip
-    """Write the accelerations that a robot reads at a place, without gravity, (3, readings): x, y and z.
+    shaking: Shaking, motors: Motors, samples: Samples, sample: int, rate_hz: float, out: Values
+) -> None:
+    """Write the accelerations that a robot reads at a sample, without gravity, (3, readings): x, y and z.
 
     Args:
-        motors_hz, near: (kinds - 1,), frequencies of the motors, and their ``_near_responses``.
-        tiles: kinds of the floor's tiles. rate_hz: readings per second.
-        x_m, y_m, time_s: place and time of the sample. seed, run, robot, sample: address of its chance.
+        sample: its row in ``samples``. rate_hz: readings per second.
     """
+    x_m, y_m, tiles = samples.x_m[sample], samples.y_m[sample], samples.tiles
+    seed, run, robot, number = samples.seed, samples.run, samples.robot[sample], samples.sample[sample]
     place = shaking.place
     out[:] = 0.0
-    direction = 2.0 * math.pi * uniform(seed, run, robot, VIBRATION, sample, ALONE)
+    direction = 2.0 * math.pi * uniform(seed, run, robot, VIBRATION, number, ALONE)
     cosine, sine = math.cos(direction), math.sin(direction)
     half_m = 0.5 * shaking.feet_m
     one = tile_below(x_m + half_m * cosine, y_m + half_m * sine, place)
     other = tile_below(x_m - half_m * cosine, y_m - half_m * sine, place)
     gain = math.exp(shaking.gain_spread * normal(seed, run, robot, HARDWARE, FIRST, OF_SENSOR))
-    slot = int(time_s / shaking.motor_hold_s)
+    slot = int(samples.time_s[sample] / shaking.motor_hold_s)
     reach = STEPS + max(1, steps_between(one, other, place))  # to the motors that the other foot feels
-    felt, last = 0, SILENT
     for down in range(-reach, reach + 1):
         for across in range(-reach, reach + 1):
             source = source_at(max(one, other), down, across, place)
@@ -262,7 +266,8 @@ def shake(
                 continue
             k = signed(tiles[source]) - 1
             square = 0.5 * (
-                near_square(near, k, one, source, place) + near_square(near, k, other, source, place)
+                near_square(motors.near, k, one, source, place)
+                + near_square(motors.near, k, other, source, place)
             )
             if square < FAINT * FAINT:
                 continue
@@ -272,23 +277,17 @@ def shake(
             if shaking.motor_spread > 0.0:
                 drive *= math.exp(shaking.motor_spread * normal(seed, run, LASTING, MOTOR, source, ALONE))
             amplitude = gain * drive * math.sqrt(square)
-            frequency_hz = motors_hz[k] * (
+            frequency_hz = motors.hz[k] * (
                 1.0 + shaking.frequency_jitter * normal(seed, run, 0, MOTOR, slot, 4 * source + 2)
             )
-            phase = 2.0 * math.pi * uniform(seed, run, robot, VIBRATION, sample, 8 + source)
-            wave = Sine(amplitude, 2.0 * math.pi * frequency_hz / rate_hz, phase)
-            felt += 1
-            if felt % 2 == 0:
-                add_sines(out, last, wave)
-            last = wave
-    if felt % 2 == 1:
-        add_sines(out, last, SILENT)
+            phase = 2.0 * math.pi * uniform(seed, run, robot, VIBRATION, number, 8 + source)
+            add_sine(out, amplitude, 2.0 * math.pi * frequency_hz / rate_hz, phase)
     for i in range(out.shape[1]):  # horizontally in the robot's direction
         across = shaking.lateral * out[0, i]
         out[0, i], out[1, i] = cosine * across, sine * across
     if shaking.noise_m_s2 > 0.0:
         # The address of a sample's noise is one number; readings follow from it by a cheaper generator.
-        word = np.uint64(uniform(seed, run, robot, VIBRATION, sample, 3) * 2.0**52)
+        word = np.uint64(uniform(seed, run, robot, VIBRATION, number, 3) * 2.0**52)
         add_noise(out, gain * shaking.noise_m_s2, word)  # type: ignore[arg-type]
 
 
@@ -326,44 +325,21 @@ def near_square(near: Values, k: int, tile: int, source: int, place: Place) -> f
     return square
 
 
-class Sine(NamedTuple):
-    """A sinusoid: what is added to an acceleration."""
-
-    amplitude: float
-    """Amplitude, m/s^2."""
-    step_rad: float
-    """Turn of its phase from reading to reading."""
-    phase_rad: float
-    """Phase at the first reading."""
-
-
-SILENT: Final = Sine(0.0, 0.0, 0.0)
-
-
 @inner
-def add_sines(out: Values, one: Sine, other: Sine) -> None:
-    """Add two sinusoids to the third row, and the same a quarter of a turn later to the first.
+def add_sine(out: Values, amplitude: float, step_rad: float, phase_rad: float) -> None:
+    """Add a sinusoid to the third row, and the same a quarter of a turn later to the first.
 
-    Cosine and sine of a phase are turned from reading to reading, and each turn waits for the last: two sinusoids take
-    as long as one.
+    Args:
+        step_rad: turn of its phase from reading to reading. phase_rad: phase at the first reading.
     """
-    real, imaginary = one.amplitude * math.cos(one.phase_rad), one.amplitude * math.sin(one.phase_rad)
-    turn_real, turn_imaginary = math.cos(one.step_rad), math.sin(one.step_rad)
-    real_2, imaginary_2 = (
-        other.amplitude * math.cos(other.phase_rad),
-        other.amplitude * math.sin(other.phase_rad),
-    )
-    turn_real_2, turn_imaginary_2 = math.cos(other.step_rad), math.sin(other.step_rad)
+    real, imaginary = amplitude * math.cos(phase_rad), amplitude * math.sin(phase_rad)
+    turn_real, turn_imaginary = math.cos(step_rad), math.sin(step_rad)
     for i in range(out.shape[1]):
-        out[0, i] = out[0, i] + imaginary + imaginary_2
-        out[2, i] = out[2, i] + real + real_2
+        out[0, i] = out[0, i] + imaginary
+        out[2, i] = out[2, i] + real
         real, imaginary = (
             turn_real * real - turn_imaginary * imaginary,
             turn_real * imaginary + turn_imaginary * real,
-        )
-        real_2, imaginary_2 = (
-            turn_real_2 * real_2 - turn_imaginary_2 * imaginary_2,
-            turn_real_2 * imaginary_2 + turn_imaginary_2 * real_2,
         )
 
 
@@ -392,19 +368,36 @@ def add_noise(out: Values, spread: float, word: int) -> None:
             out[axis, i] += scale * (float(total) - 131070.0)
 
 
-@kernel
-def measure_signal(
-    acceleration: Values, axis: int, program: SenseProgram, every: int, codes: NDArray[np.int64], bands_hz: Values,
-    signal: Values, spectrum: Values, out: Values,
-) -> None:  # fmt: skip
-    """Write the features of one sample, as the robot computes them.
+class Measuring(NamedTuple):
+    """How a robot measures the features of a sample."""
 
-    Args:
-        acceleration: (3, readings), without gravity. axis: index in ``AXES`` of the features' signal.
-        every: readings whose mean is one of the spectrum.
-        codes: (numbers,), index of each feature in ``FEATURES``; -1 a band, of the frequency ``bands_hz`` (numbers,).
-        signal: (readings,), overwritten. spectrum: (3, POINTS), overwritten. out: (numbers,), written.
-    """
+    axis: int
+    """Index in ``AXES`` of the features' signal."""
+    program: SenseProgram
+    every: int
+    """Readings whose mean is one of the spectrum."""
+    codes: NDArray[np.int64]
+    """(numbers,): index of each feature in ``FEATURES``; -1 a band."""
+    bands_hz: Values
+    """(numbers,): frequencies of bands."""
+
+
+class Signals(NamedTuple):
+    """Signals of one sample, overwritten by the next."""
+
+    acceleration: Values
+    """(3, readings), without gravity."""
+    signal: Values
+    """(readings,): filtered."""
+    spectrum: Values
+    """(3, POINTS)."""
+
+
+@kernel
+def measure_signal(measuring: Measuring, signals: Signals, out: Values) -> None:
+    """Write the features of one sample, (numbers,), as the robot computes them from ``signals.acceleration``."""
+    axis, program, every, codes, bands_hz = measuring
+    acceleration, signal, spectrum = signals
     count = acceleration.shape[1]
     state = begin_sense()
     for i in range(count):
@@ -449,18 +442,12 @@ def measure_signal(
 
 @kernel
 def sense_samples(
-    shaking: Shaking, motors_hz: Values, near: Values, tiles: NDArray[np.uint8],
-    axis: int, program: SenseProgram, every: int, codes: NDArray[np.int64], bands_hz: Values,
-    x_m: Values, y_m: Values, time_s: Values, robot: NDArray[np.int64], sample: NDArray[np.int64],
-    seed: int, run: int, acceleration: Values, signal: Values, spectrum: Values, out: Values,
-) -> None:  # fmt: skip
+    shaking: Shaking, motors: Motors, samples: Samples, measuring: Measuring, signals: Signals, out: Values
+) -> None:
     """Write what all samples of a run measure, (samples, numbers); see ``shake`` and ``measure_signal``."""
-    for k in range(x_m.size):
-        shake(
-            shaking, motors_hz, near, tiles, program.rate_hz, x_m[k], y_m[k], time_s[k], seed, run, robot[k], sample[k],
-            acceleration,
-        )  # fmt: skip
-        measure_signal(acceleration, axis, program, every, codes, bands_hz, signal, spectrum, out[k])
+    for k in range(samples.x_m.size):
+        shake(shaking, motors, samples, k, measuring.program.rate_hz, signals.acceleration)
+        measure_signal(measuring, signals, out[k])
 
 
 def shaking_of(place: Place, p: Any) -> Shaking:
@@ -475,18 +462,10 @@ def sense(samples: Samples, p: Any) -> Values:
     bands_hz = np.array([band_of(name) if name not in FEATURES else 0.0 for name in names])
     count = readings(program)
     out = np.empty((samples.x_m.size, len(names)))
-    sense_samples(
-        shaking_of(samples.place, p), np.array(p.motor_hz), _near(samples.place, p), samples.tiles,
-        AXES.index(p.axis), program, averaged_readings(p), codes, bands_hz,
-        samples.x_m, samples.y_m, samples.time_s, samples.robot, samples.sample, samples.seed, samples.run,
-        np.empty((3, count)), np.empty(count), np.empty((3, POINTS)), out,
-    )  # fmt: skip
+    measuring = Measuring(AXES.index(p.axis), program, averaged_readings(p), codes, bands_hz)
+    signals = Signals(np.empty((3, count)), np.empty(count), np.empty((3, POINTS)))
+    sense_samples(shaking_of(samples.place, p), motors_of(samples.place, p), samples, measuring, signals, out)
     return out
-
-
-def _seen_hz(p: Any) -> Values:
-    """Return the frequencies of the motors, as the rate folds them."""
-    return np.array([alias_hz(motor_hz, p.rate_hz) for motor_hz in p.motor_hz])
 
 
 def averaged_readings(p: Any) -> int:
@@ -500,26 +479,13 @@ def averaged_readings(p: Any) -> int:
     return int(max(min(for_all, for_motors), 1))
 
 
-def _near(place: Place, p: Any) -> Values:
-    return _near_responses(place.rows, place.columns, p)
-
-
 def accelerations(samples: Samples, p: Any) -> Values:
     """Return what the accelerometer reads at samples of a run, gravity included, (samples, 3, readings)."""
-    program = sensing(p)
-    out = np.empty((samples.x_m.size, 3, readings(program)))
-    fixed = (
-        shaking_of(samples.place, p),
-        np.array(p.motor_hz),
-        _near(samples.place, p),
-        samples.tiles,
-        p.rate_hz,
-    )
+    given: list[Any] = [read_only(each) if isinstance(each, np.ndarray) else each for each in samples]
+    shaking, motors = shaking_of(samples.place, p), motors_of(samples.place, p)
+    out = np.empty((samples.x_m.size, 3, readings(sensing(p))))
     for k in range(samples.x_m.size):
-        place = (float(samples.x_m[k]), float(samples.y_m[k]), float(samples.time_s[k]))
-        shake(
-            *fixed, *place, samples.seed, samples.run, int(samples.robot[k]), int(samples.sample[k]), out[k]
-        )
+        shake(shaking, motors, Samples(*given), k, p.rate_hz, out[k])
     out[:, 2] += GRAVITY_M_S2
     return out
 
@@ -530,16 +496,13 @@ def band_of(name: str) -> float:
     Raises:
         InputError: there is no such feature.
     """
-    start, _, number = name.partition("_")
-    try:
-        if start == "band" and math.isfinite(float(number)):
-            return float(number)
-    except ValueError:
-        pass
-    raise InputError(
-        f"there is no feature '{name}' (there are {', '.join(FEATURES)}, and bands such as band_82.5)",
-        field="sensor.acceleration.features",
-    )
+    start, _, hz = name.partition("_")
+    if start != "band" or not hz.replace(".", "", 1).isdigit():
+        raise InputError(
+            f"'{name}' is none of {', '.join(FEATURES)}, nor a band such as band_82.5",
+            field="sensor.acceleration.features",
+        )
+    return float(hz)
 
 
 def reading(value: Values, p: Any) -> NDArray[np.int64]:
@@ -547,7 +510,7 @@ def reading(value: Values, p: Any) -> NDArray[np.int64]:
     above = value[:, 0] > p.rms_threshold
     if len(p.motor_hz) == 1:
         return np.asarray(above.astype(np.int64))
-    seen_hz = _seen_hz(p)
+    seen_hz = np.array([alias_hz(motor_hz, p.rate_hz) for motor_hz in p.motor_hz])  # as the rate folds them
     peak_hz = value[:, numbers(p).index("peak_hz")]
     return np.asarray(np.where(above, 1 + np.abs(peak_hz[:, None] - seen_hz).argmin(axis=1), 0))
 
@@ -567,51 +530,29 @@ def _densities(p: Any, place: Place) -> list[Callable[[Values], Values]]:
 
 
 def check(p: Any) -> None:
-    """Refuse bands beyond half of the rate, a time shorter than a period, and features that do not exist, or twice."""
-    field = "sensor.acceleration"
+    """Refuse frequencies beyond half of the rate, signals shorter than a period, and features that do not exist."""
+    field, nyquist_hz = "sensor.acceleration", 0.5 * p.rate_hz
+    bands_hz = [band_of(name) for name in p.features if name not in FEATURES]
     if len(p.amplitude_shares) not in (0, len(p.motor_hz)):
         raise InputError(
-            f"lists {len(p.amplitude_shares)} for the {len(p.motor_hz)} of {field}.motor_hz; give as many, or "
-            "none",
+            f"lists {len(p.amplitude_shares)}; give none, or {len(p.motor_hz)}, one for each of motor_hz",
             field=f"{field}.amplitude_shares",
         )
-    if cutoff_of(p) >= 0.5 * p.rate_hz:
-        omitted = " (if it is omitted)" if p.cutoff_hz is None else ""
+    if cutoff_of(p) >= nyquist_hz:
         raise InputError(
-            f"{round(cutoff_of(p), 1):g} Hz{omitted} is not below half of the rate, {p.rate_hz:g} Hz",
+            f"{cutoff_of(p):.4g} Hz is too high; give less than half of rate_hz, {nyquist_hz:g} Hz",
             field=f"{field}.cutoff_hz",
         )
-    for name in p.features:
-        if numbers(p).count(name) > 1:
-            raise InputError(
-                f"'{name}' is measured twice; the energy is always the first number, and is not listed"
-                if name == "energy"
-                else f"'{name}' is listed twice",
-                field=f"{field}.features",
-            )
-        if name in FEATURES:
-            continue
-        band_hz = band_of(name)
-        if not 0.0 < band_hz < 0.5 * p.rate_hz:
-            raise InputError(
-                f"'{name}' needs a rate above {2.0 * band_hz:g} Hz, and rate_hz is {p.rate_hz:g}; choose a band below "
-                f"{0.5 * p.rate_hz:g} Hz, or a higher rate",
-                field=f"{field}.features",
-            )
-        if p.signal_ms * band_hz < 1000.0:
-            raise InputError(
-                f"{p.signal_ms:g} ms is shorter than a period of '{name}', {1000.0 / band_hz:.4g} ms",
-                field=f"{field}.signal_ms",
-            )
-    if p.signal_ms * min(p.motor_hz) < 1000.0:
+    if not all(0.0 < band_hz < nyquist_hz for band_hz in bands_hz):
         raise InputError(
-            f"{p.signal_ms:g} ms is shorter than a period of the motor at {min(p.motor_hz):g} Hz, "
-            f"{1000.0 / min(p.motor_hz):.4g} ms",
-            field=f"{field}.signal_ms",
+            f"has a band at {max(bands_hz):g} Hz; give bands below half of rate_hz, {nyquist_hz:g} Hz",
+            field=f"{field}.features",
         )
-    if readings(sensing(p)) < 8:
+    lowest_hz = min(*p.motor_hz, *bands_hz, math.inf)
+    if p.signal_ms * lowest_hz < 1000.0 or readings(sensing(p)) < 8:
         raise InputError(
-            f"{p.signal_ms:g} ms at {p.rate_hz:g} Hz are fewer than 8 readings", field=f"{field}.signal_ms"
+            f"{p.signal_ms:g} ms is too short; give a period of {lowest_hz:g} Hz, and 8 readings, at least",
+            field=f"{field}.signal_ms",
         )
 
 

@@ -85,11 +85,10 @@ def check_rates(rates: tuple[tuple[float, ...], ...], classes: int, field: str) 
         field: the field that has the rates, for messages.
     """
     for number, row in enumerate(rates):
-        if len(row) != classes:
-            raise InputError(f"row {number} has {len(row)} classes; give {classes}", field=field)
-        if abs(sum(row) - 1.0) > 1e-9:
+        if len(row) != classes or abs(sum(row) - 1.0) > 1e-9:
             raise InputError(
-                f"row {number} sums to {sum(row):.12g}; the shares of a kind sum to 1", field=field
+                f"row {number} has {len(row)} classes and sums to {sum(row):.12g}; give {classes} shares that sum to 1",
+                field=field,
             )
 
 

@@ -11,7 +11,6 @@ Its parameters are fields of the section ``sensor`` itself: ``vibrating_shape``,
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -43,21 +42,10 @@ def above_threshold(value: Values, p: Any) -> NDArray[np.bool_]:
 
 def share_at_most(kind: int, thresholds: Values, p: Any) -> Values:
     """Return the share of energies of a kind at or below each threshold."""
-    law = law_of(kind, p)
-    if thresholds.ndim == 0:
-        return np.asarray(_share_at_most(float(thresholds), *law))
     from scipy.special import gammainc
 
-    shape, scale, location = law
+    shape, scale, location = law_of(kind, p)
     return np.asarray(gammainc(shape, np.maximum(thresholds - location, 0.0) / scale))
-
-
-@lru_cache(maxsize=64)
-def _share_at_most(threshold: float, shape: float, scale: float, location: float) -> float:
-    """Return the probability that a shifted Gamma law gives at most ``threshold``; cached, as every run asks for it."""
-    from scipy.special import gammainc
-
-    return float(gammainc(shape, max(threshold - location, 0.0) / scale))
 
 
 def likelihood(kind: int, value: Values, p: Any) -> Values:

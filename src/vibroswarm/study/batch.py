@@ -43,10 +43,10 @@ from vibroswarm.inference.reports import reported_at_end
 from vibroswarm.motion.source import ENDS, MOTION, Motion, source
 from vibroswarm.observation.observe import (
     OBSERVATIONS,
-    Places,
     Readings,
     energies_read,
     observation_frame,
+    read_samples,
     reads_energies,
 )
 from vibroswarm.result import TABLES
@@ -150,7 +150,7 @@ class _SharedMotion:
     ) -> None:
         self.motion, self.work, self.cancelled = motion, work, cancelled
         self.timeline = timeline_of(scenario, motion)
-        self.places, self.walk = Places(work.seed, motion.samples), Walk(motion.samples)
+        self.walk = Walk(motion.samples)
         # Time at which each run ends, (runs,): a run ends with its last robot. ``ends`` has one row per run and robot,
         # sorted by both.
         self.end_s = motion.ends["end_s"].to_numpy().reshape(-1, self.timeline.robots).max(axis=1)
@@ -167,7 +167,7 @@ class _SharedMotion:
         # Values (besides classes) are computed only if the table of samples shows them or a strategy reads them.
         with_samples = SAMPLES_TABLE in self.work.keep
         with_energies = with_samples or any(map(reads_energies, scenarios))
-        readings = self.places.read(common, floors, with_energies)
+        readings = read_samples(common, seed, self.motion.samples, floors, with_energies)
         energy = energies_read(common, readings) if with_energies else None
         finals_by_scenario = []  # for each scenario, the columns of its robots at the end, (runs * robots,) each
         further = defaultdict[str, list[pl.DataFrame]](list)

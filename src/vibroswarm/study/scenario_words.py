@@ -22,7 +22,6 @@ from vibroswarm.floors.floor import rows_of, sides_inside
 from vibroswarm.floors.io import check_threshold, is_picture, parse_tiles
 from vibroswarm.floors.source import family, is_generated, parts_of_file, resolve, values_in
 from vibroswarm.motion.robot_params import scenario_warnings
-from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.change_fields import change_warnings
@@ -351,7 +350,6 @@ def warnings_of(scenario: Scenario) -> list[str]:
         *fault_warnings(scenario.faults, scenario.swarm.robots, scenario.run.t_end_s),
         *_relay_warnings(scenario),
         *_map_warnings(scenario),
-        *edge_warnings(scenario),
         *change_warnings(scenario.change, scenario.run.t_end_s, _is_final(scenario)),
         *_anew_warnings(scenario),
         *claims_warnings(scenario),
