@@ -47,4 +47,4 @@ def send(n, a, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p,
         arrival_tick[j] = tick + 1 if hears else -1
 
 
-graph = Network(name="graph", params=Params, state=State, arrays=Arrays, send=send)
+graph = Network(name="graph", params=Params, state=State, arrays=Arrays, send=send, positions=False)

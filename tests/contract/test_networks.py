@@ -46,33 +46,10 @@ def lossy(sender: int, receiver: int, d: Any, p: Any, w: Any) -> bool:
     return bool(u(d, 0) < 0.3 + 0.05 * receiver)
 
 
-def send_two_reads(
-    n: Any, a: Any, sender: int, tick: int, number: int, size: int, x_m: Any, y_m: Any, arrival: Any, d: Any, p: Any,
-    w: Any,
-) -> None:  # fmt: skip
-    """From Python 3.13 on, one instruction reads ``x_m`` and ``sender``."""
-    arrival[:] = tick + 1 if x_m[sender] > 0.5 else -1
-
-
-def send_comprehension(
-    n: Any, a: Any, sender: int, tick: int, number: int, size: int, x_m: Any, north_m: Any, arrival: Any, d: Any,
-    p: Any, w: Any,
-) -> None:  # fmt: skip
-    """Before Python 3.12, a comprehension is a function that is given ``north_m``, called so here."""
-    arrival[:] = max([tick + int(north_m[j]) for j in range(arrival.size)])
-
-
 LOSSY = Network("lossy", lost=lossy)
-OTHER = Network("other", params=Params, state=Busy, send=send)
+OTHER = Network("other", params=Params, state=Busy, send=send, positions=False)
 """One network of two ways: for each, and each strategy, one would be compiled by itself."""
 WAYS = {"late": LATE, "every_third": EVERY_THIRD}
-
-
-@pytest.mark.parametrize(
-    ("hook", "reads"), [(send, False), (send_two_reads, True), (send_comprehension, True)]
-)
-def test_a_network_that_reads_positions_is_given_them(hook: Any, reads: bool) -> None:
-    assert Network("other", params=Params, state=Busy, send=hook).reads_positions == reads
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -42,7 +42,7 @@ def same(one: Result, other: Result) -> bool:
         (("loss", {"share": 0.0}), ("loss", {"share": 0.1})),
         (("range", {"range_m": math.inf}), ("range", {"range_m": 0.4})),
         (("delay", {"fixed_s": 0.0, "random_s": 0.0}), ("delay", {"fixed_s": 9.0, "random_s": 0.0})),
-        (("tree", {"parents": (-1,) * 5, "frame_ms": 0.0}), ("tree", {"parents": (-1,) * 5, "frame_ms": 20.0})),
+        (("tree", {"frame_ms": 0.0}), ("tree", {"frame_ms": 20.0})),
         (("bursts", {"bad_share": 0.0, "lost_in_good": 0.0}), ("bursts", {"bad_share": 0.5})),
     ],
 )  # fmt: skip
@@ -259,19 +259,17 @@ def test_a_tree_is_filled_level_by_level() -> None:
 
 
 def test_a_message_alone_takes_its_hops() -> None:
-    """Robots 0 and 1 below the base, 2 below 0: by hand, 48 bytes are 2 frames of 30 ms, 60 ms a hop."""
-    scenario = over(
-        "tree", robots=3, parents=(-1, -1, 0), message_bytes=48, log_bytes=0, frame_ms=30.0, retry_ms=0.0
-    )
+    """Robots 0 to 4 below the base, 5 below 0: by hand, 48 bytes are 2 frames of 30 ms, 60 ms a hop."""
+    scenario = over("tree", robots=6, message_bytes=48, log_bytes=0, frame_ms=30.0, retry_ms=0.0)
     (log,) = logs(scenario, 1)
     sent_alone = np.flatnonzero(np.diff(log.tick, prepend=-1000) > 60)
-    hops = {0: {2: 1, 1: 2}, 1: {0: 2, 2: 3}, 2: {0: 1, 1: 3}}
     assert sent_alone.size > 10
     for k in sent_alone:
         total_ms, sender = 0.0, int(log.sender[k])
-        for receiver in range(3):
+        for receiver in range(6):
             if receiver != sender:  # one copy after the other
-                total_ms += 60.0 * hops[sender][receiver]
+                pair = {sender, receiver}
+                total_ms += 60.0 * (1 if pair == {0, 5} else 3 if 5 in pair else 2)
                 late = log.arrival_tick[k, receiver] - log.tick[k] - total_ms / 20.0
                 assert 0.0 < late <= 2.0  # it begins within its control period, and is read at the next
 
@@ -279,26 +277,26 @@ def test_a_message_alone_takes_its_hops() -> None:
 def test_who_finds_a_node_busy_waits_or_loses_the_message() -> None:
     """By hand, in ms: a message of one frame takes 10 a hop, a log of two frames 20, each node to one at a time."""
     tree_ = networks.known()["tree"]
-    p = tree_.params(parents=(-1, -1, 0), message_bytes=24, log_bytes=30, frame_ms=10.0, retry_ms=15.0)
-    n, a = SimpleNamespace(is_ready=False), SimpleNamespace(**tree_.arrays_of(p, {"robots": 3}))
+    p = tree_.params(message_bytes=24, log_bytes=30, frame_ms=10.0, retry_ms=20.0)
+    a = SimpleNamespace(**tree_.arrays_of(p, {"robots": 3}))
     half_a_tick = send_draws(1, 0, 0, 0)._replace(first=0.5)
 
     def sent(sender: int, tick: int) -> list[int]:
         arrival, w = np.full(3, -1), SimpleNamespace(robots=3, tick_ms=20)
         assert tree_.send is not None
-        tree_.send(n, a, sender, tick, 0, 24, None, None, arrival, half_a_tick, p, w)
+        tree_.send(None, a, sender, tick, 0, 24, None, None, arrival, half_a_tick, p, w)
         return arrival.tolist()
 
-    # From 10 by the base to robot 1 at 30, to robot 2 at 40; its log keeps robot 0 and the base busy until 60.
+    # From 10 by the base to robot 1 at 30, to robot 2 at 50; its log keeps robot 0 and the base busy until 70.
     assert sent(0, 0) == [-1, 2, 3]
-    assert (*a.free_ms, *a.base_free_ms) == (60.0, 30.0, 40.0, 60.0)
-    # From 30; to robot 0 it is lost at 45, as the base is busy until 60; to robot 2 it waits, and is there at 90.
+    assert (*a.free_ms, *a.base_free_ms) == (70.0, 30.0, 50.0, 70.0)
+    # From 30; to robot 0 it is lost at 50, as the base is busy until 70; to robot 2 it waits, and is there at 90.
     assert sent(1, 1) == [-1, -1, 5]
-    assert (*a.free_ms, *a.base_free_ms) == (90.0, 110.0, 90.0, 110.0)
-    # From 210, while the base is busy: two copies and the log are each tried for 15.
+    assert (*a.free_ms, *a.base_free_ms) == (70.0, 110.0, 90.0, 110.0)
+    # From 210, while the base is busy: two copies and the log are each tried for 20.
     a.base_free_ms[0] = 500.0
     assert sent(1, 10) == [-1, -1, -1]
-    assert a.free_ms[1] == 255.0
+    assert a.free_ms[1] == 270.0
 
 
 @pytest.mark.slow

@@ -95,7 +95,6 @@ OTHERS = {
     "strategy.name": "soft",
     "network.name": "loss",
     "network.range.range_m": 0.7,
-    "network.tree.parents": (-1, -1, -1, -1, 0),
     "network.tree.message_bytes": 100,
     "network.tree.log_bytes": 100,
 }

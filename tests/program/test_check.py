@@ -159,9 +159,9 @@ def no_processes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
         monkeypatch.setattr(run_checks, "workers_for", lambda how, count: workers("threads", count))
 
 
-def test_a_network_for_one_swarm_size_is_checked_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(network_checks.OF_OURS, "tree", {"network.tree.parents": [-1, -1, 0, 0]})
-    assert [scenario.swarm.robots for _, scenario in network_checks._scenarios("tree")] == [4, 4]
+def test_a_network_for_some_swarm_sizes_is_checked_with_these() -> None:
+    scenarios = network_checks._scenarios("loss_by_size")
+    assert {scenario.swarm.robots for _, scenario in scenarios} == {5}
 
 
 KINDS = """

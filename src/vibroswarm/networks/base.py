@@ -15,31 +15,28 @@ It must be later than ``tick``, the control period in which the message is sent.
 call. The sender's own entry is ignored. ``number`` counts the sender's messages from 0; ``bytes_on_air`` is the length
 of the message.
 
-``x_m`` and ``y_m``, one entry per robot, are the positions at ``tick``. They are computed only if the function reads
-them. They are exact, except that a turning robot is reported where its turn began, at most some millimetres away.
+``x_m`` and ``y_m``, one entry per robot, are the positions at ``tick``. They are exact, except that a turning robot is
+reported where its turn began, at most some millimetres away. A network that does not read them says
+``positions=False``, and is faster.
 
 ``p`` holds the parameters. ``w`` is a ``World`` whose ``robot`` is the receiver (``lost``) or the sender (``send``).
-``u(d, k)`` is the k-th uniform number of the call. A parameter may be a list, declared as ``tuple[int, ...]`` or
-``tuple[float, ...]``; it is then an array of ``a``, which ``send`` must not change. ``check`` is called when a scenario
-is read, with the parameters and the number of robots.
+``u(d, k)`` is the k-th uniform number of the call. ``check`` is called when a scenario is read, with the parameters and
+the number of robots.
 """
 
 from __future__ import annotations
 
-import dis
-import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, get_args, get_origin
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError
-from vibroswarm.strategies.base import KINDS, NoArrays, Plugin, arrays_of, row_type
-from vibroswarm.strategies.static_analysis import PARAMETERS, UNUSED, check_function, is_shipped
+from vibroswarm.strategies.base import NoArrays, Plugin, arrays_of, row_type
+from vibroswarm.strategies.static_analysis import check_function, is_shipped
 from vibroswarm.strategies.world import World
 
 Hook = Callable[..., Any]
@@ -56,6 +53,7 @@ class Network(Plugin):
     Args:
         state: class of annotated fields. arrays: class whose attributes are ``array(...)``.
         lost, send: at most one of the two functions; a network without either loses nothing.
+        positions: whether ``send`` reads ``x_m`` or ``y_m``.
         check: ``check(params, robots)`` raises an InputError if the parameters do not suit the number of robots.
     """
 
@@ -63,6 +61,7 @@ class Network(Plugin):
     arrays: type = NoArrays
     lost: Hook | None = None
     send: Hook | None = None
+    positions: bool = True
     check: Callable[[Any, int], None] | None = None
 
     def __post_init__(self) -> None:
@@ -77,83 +76,41 @@ class Network(Plugin):
             self.check_hooks()
 
     def check_hooks(self) -> None:
-        """Check the names of the network's lists and arrays, and the function ``lost`` or ``send``.
+        """Check the function ``lost`` or ``send``.
 
         Raises:
-            InputError: there are both ``lost`` and ``send``, a list parameter and an array have the same name, or the
-                function takes a wrong number of arguments, uses a field that does not exist, or makes runs that cannot
-                be repeated (``check_function``).
+            InputError: there are both ``lost`` and ``send``, or the function takes a wrong number of arguments, uses a
+                field that does not exist, or makes runs that cannot be repeated (``check_function``).
         """
         if self.lost is not None and self.send is not None:
             raise InputError("has both lost and send; give one of them", field=self.name)
-        # Lists among the parameters are attributes of ``a`` too, so their names must differ from those of arrays.
-        both = sorted(set(self.lists) & set(arrays_of(self.arrays)))
-        if both:
-            raise InputError(f"'{both[0]}' is a parameter and an array; rename one", field=self.name)
-        # Names of the fields or arrays of each argument that has any. Parameters that are lists belong to ``a``.
-        names_of = {
-            "n": self.state_type.names,
-            "a": (*self.lists, *arrays_of(self.arrays)),
-            "p": self.params_type.names,
+        fields = {
+            "n": self.state_type.names or (),
+            "a": tuple(arrays_of(self.arrays)),
+            "p": self.params_type.names or (),
             "w": World._fields,
         }
-        for hook in ("lost", "send"):
-            if getattr(self, hook) is not None:
-                # "or ()" is for the type checker: NumPy's ``names`` may be None, but rows always have fields.
-                fields = {argument: names or () for argument, names in names_of.items()}
-                check_function(hook, getattr(self, hook), fields, tuple(self.lists))
+        for name, hook in (("lost", self.lost), ("send", self.send)):
+            if hook is not None:
+                check_function(name, hook, fields)
 
-    @cached_property
+    @property
     def reads_positions(self) -> bool:
-        """Whether the bytecode of ``send`` reads the arguments ``x_m`` or ``y_m``, the robots' positions.
-
-        Authors may give these arguments other names, so they are found by their place in the signature.
-        """
-        if self.send is None:
-            return False
-        parameters = list(inspect.signature(self.send).parameters)
-        # positions: the names that the author of ``send`` has given to ``x_m`` and ``y_m``
-        positions = {parameters[PARAMETERS["send"].index(name)] for name in ("x_m", "y_m")}
-        # Any instruction that names one of the arguments counts, as those that read an argument differ between versions
-        # of Python: there are some that pass it to an inner function or comprehension and, from 3.13 on, some that read
-        # two arguments (``argval`` is then a tuple). If ``send`` only overwrites it, positions are computed in vain.
-        named = (instruction.argval for instruction in dis.get_instructions(self.send))
-        return any(positions.intersection(name if isinstance(name, tuple) else (name,)) for name in named)
+        """Whether the robots' positions are computed for each message."""
+        return self.send is not None and self.positions
 
     @property
     def state_type(self) -> np.dtype[np.void]:
         """Row type of the network's state."""
         return row_type(self.state, "state")
 
-    @cached_property
-    def lists(self) -> dict[str, type]:
-        """Names of the parameters that are lists (declared as ``tuple[TYPE, ...]``), each with its type of elements."""
-        kinds = self._param_kinds.items()
-        return {name: get_args(kind)[0] for name, kind in kinds if get_origin(kind) is tuple}
-
-    @property
-    def _param_kinds(self) -> dict[str, Any]:
-        params: Any = self.params  # a model, see ``Plugin``
-        return {name: info.annotation for name, info in params.model_fields.items()}
-
-    @cached_property
-    def params_type(self) -> np.dtype[np.void]:
-        """NumPy row type of the parameters that are not lists; if there are none, it has one field that is not used."""
-        if not self.lists:
-            return super().params_type
-        scalars = [(name, KINDS[kind]) for name, kind in self._param_kinds.items() if name not in self.lists]
-        return np.dtype(scalars or [(UNUSED, np.int64)])
-
     def arrays_of(self, params: object, sizes: Mapping[str, int]) -> dict[str, NDArray[Any]]:
-        """Return new arrays, by name: copies of the parameters that are lists, and the declared arrays, zeroed.
+        """Return the declared arrays, zeroed, by name.
 
         Args:
-            params: values of the parameters. sizes: "robots", "rows", "columns" and "tiles" of the scenario; the
-                declared sizes of arrays are formulas of these.
+            sizes: "robots", "rows", "columns" and "tiles" of the scenario; the declared sizes are formulas of these.
         """
-        lists = {name: np.array(getattr(params, name), KINDS[kind]) for name, kind in self.lists.items()}
-        declared = arrays_of(self.arrays)  # the function of ``strategies.base``, not this method
-        return lists | {name: np.zeros(item.size(sizes), item.kind) for name, item in declared.items()}
+        return {name: np.zeros(item.size(sizes), item.kind) for name, item in arrays_of(self.arrays).items()}
 
 
 _registry = Registry[Network]("network", "network.name")

@@ -90,5 +90,12 @@ def send(
 
 
 bursts = register(
-    Network(name="bursts", params=Params, arrays=Arrays, send=send, about="receivers miss messages in bursts")
+    Network(
+        name="bursts",
+        params=Params,
+        arrays=Arrays,
+        send=send,
+        positions=False,
+        about="receivers miss messages in bursts",
+    )
 )

@@ -62,4 +62,8 @@ def send(
         arrival_tick[j] = tick + max(1, ticks)
 
 
-delay = register(Network(name="delay", params=Params, send=send, about="messages are late, also by chance"))
+delay = register(
+    Network(
+        name="delay", params=Params, send=send, positions=False, about="messages are late, also by chance"
+    )
+)

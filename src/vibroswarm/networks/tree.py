@@ -51,14 +51,6 @@ MOST: Final = 780
 class Params:
     """The tree, and how fast it is."""
 
-    parents: Annotated[
-        tuple[int, ...],
-        Field(
-            max_length=MOST,
-            strict=False,
-            description="Parent of each robot: a robot's number, or -1 for the base; empty: filled level by level.",
-        ),
-    ] = ()
     message_bytes: Annotated[
         int,
         Field(
@@ -90,21 +82,9 @@ class Params:
     ] = 25.0
 
 
-class State:
-    """Whether ``Arrays.parent`` is filled in, which happens at the first message."""
-
-    is_ready: bool
-    """False (0) until the first message is sent."""
-
-
 class Arrays:
-    """The tree, and the times until which its nodes are busy.
+    """The times until which the nodes of the tree are busy."""
 
-    The parameter ``parents`` is an array of the same object.
-    """
-
-    parent = array("int64", "robots")
-    """Parent of each robot: ``parents`` or, if that is empty, the tree that is filled level by level."""
     free_ms = array("float64", "robots")
     """Time until which each robot's radio is busy."""
     base_free_ms = array("float64", "1")
@@ -126,16 +106,16 @@ def parent_of(robot: int) -> int:
     return BASE if first == 0 else above + (robot - first) % (size // CHILDREN)
 
 
-def next_node(a: Any, node: int, goal: int) -> int:
+def next_node(node: int, goal: int) -> int:
     """Return the node after ``node`` on the path from ``node`` to ``goal``.
 
     If the goal is below ``node`` in the tree, this is the child of ``node`` that leads to it, or the goal itself. If
     not, it is the parent of ``node``.
     """
     below = goal  # go up from the goal until a child of ``node`` or the base is reached
-    while below != BASE and a.parent[below] != node:
-        below = a.parent[below]
-    return int(below if below != BASE else a.parent[node])
+    while below != BASE and parent_of(below) != node:
+        below = parent_of(below)
+    return below if below != BASE else parent_of(node)
 
 
 def free_at(a: Any, node: int) -> float:
@@ -164,7 +144,7 @@ def pass_on(a: Any, sender: int, goal: int, begin_ms: float, hop_ms: float, retr
     """
     time_ms, node = begin_ms, sender
     while node != goal:
-        following = next_node(a, node, goal)
+        following = next_node(node, goal)
         start_ms = max(time_ms, free_at(a, node), free_at(a, following))
         if start_ms - time_ms > retry_ms:  # lost; ``node`` was busy with trying
             occupy(a, node, max(free_at(a, node), time_ms + retry_ms))
@@ -183,15 +163,11 @@ def send(
     """Send the message to one robot after another, then the robot's log to the base.
 
     Args:
-        n, a: state and arrays, changed. sender: index of the sending robot. tick: when the message is sent.
+        a: arrays, changed. sender: index of the sending robot. tick: when the message is sent.
         bytes_on_air: length of the strategy's messages. arrival_tick: (robots,): -1 (never) before the call; written
             for the robots that receive the message (the sender's entry is ignored). d: source of uniform numbers.
         p: parameters. w: the world. The other arguments of the protocol (``networks.base``) are not used.
     """
-    if not n.is_ready:  # the first message of the run: build the tree
-        n.is_ready = True
-        for i in range(w.robots):
-            a.parent[i] = a.parents[i] if a.parents.size > 0 else parent_of(i)
     size = p.message_bytes if p.message_bytes > 0 else bytes_on_air
     hop_ms = p.frame_ms * ((size + FRAME_BYTES - 1) // FRAME_BYTES)  # frames are rounded up
     log_ms = p.frame_ms * ((p.log_bytes + FRAME_BYTES - 1) // FRAME_BYTES)
@@ -211,54 +187,14 @@ def send(
 
 
 def check(params: Any, robots: int) -> None:
-    """Refuse a list of parents that is not a tree of these robots; without a list, refuse more than MOST robots.
-
-    Args:
-        params: the network's parameters. robots: number of robots of the swarm.
-    Raises:
-        InputError: the list has another length, an unknown parent, a circle, or a node with too many children; or the
-            list is empty and there are more than MOST robots.
-    """
-    parents, field = params.parents, "network.tree.parents"
-    if not parents:
-        if robots > MOST:
-            raise InputError(
-                f"{robots} robots do not fit into four levels; at most {MOST}", field="swarm.robots"
-            )
-        return
-    if len(parents) != robots:
-        raise InputError(
-            f"{len(parents)} parents for {robots} robots (swarm.robots); give one each, -1 for the base",
-            field=field,
-        )
-    for i, parent in enumerate(parents):
-        if not BASE <= parent < robots:
-            raise InputError(
-                f"{parent} (of robot {i}) is not a node; give a robot from 0 to {robots - 1}, or -1 for the base",
-                field=field,
-            )
-    for i in range(robots):  # follow the parents up to the base
-        way = [i]
-        while parents[way[-1]] != BASE:
-            way.append(parents[way[-1]])
-            if way[-1] == i:
-                circle = " -> ".join(map(str, way))
-                raise InputError(
-                    f"robots {circle} form a circle; one of them needs the base as its parent, -1",
-                    field=field,
-                )
-            if len(way) > robots:
-                break  # this path leads into a circle without robot i; it is reported for a robot of the circle
-    for node in (BASE, *range(robots)):
-        children = parents.count(node)
-        if children > CHILDREN:
-            name = "the base" if node == BASE else f"robot {node}"
-            raise InputError(f"{name} has {children} children; the radio allows {CHILDREN}", field=field)
+    """Refuse more robots than the tree has nodes."""
+    if robots > MOST:
+        raise InputError(f"{robots} robots do not fit into four levels; at most {MOST}", field="swarm.robots")
 
 
 tree = register(
     Network(
-        name="tree", params=Params, state=State, arrays=Arrays, send=send, check=check,
+        name="tree", params=Params, arrays=Arrays, send=send, positions=False, check=check,
         about="the study's radio: relayed in a tree, lost at busy nodes",
     )
 )  # fmt: skip
