@@ -325,12 +325,12 @@ def test_the_mean_is_asked_of_values_and_the_share_of_kinds() -> None:
         pytest.approx(np.mean(scenario.floor_for(1, run).surface.values) / STEPS) for run in range(4)
     ]
     assert result.runs["truth"].null_count() == 4
-    words = {"share": "choose mean", "agree": "has values or patches", "majority": "has values or patches"}
+    words = {"share": "choose mean", "agree": "choose fill_ratio", "majority": "choose fill_ratio"}
     for name, said in words.items():
         with pytest.raises(InputError, match=said):
             scenario.with_values({"task.name": name})
     three = {"sensor.model": "confusion", "task.name": "mean", "strategy.name": "dirichlet"}
-    with pytest.raises(InputError, match="3 kinds without values"):
+    with pytest.raises(InputError, match="not of 3 kinds"):
         PAPER.with_values({**three, "floor.source": "random:0.4,0.36,0.24"})
 
 

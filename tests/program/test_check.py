@@ -276,7 +276,7 @@ BAD = {
     ),
     "task: scores against text": (
         TASK.replace("truth=t", "scored=lambda floor, asked, p: 'much', truth=t"),
-        "in <lambda>: returned 'much'; return a finite number",
+        "returned 'much'; return a finite number",
     ),
     "task: gives tiles": (
         TASK.replace("int(floor.tiles[0].sum() > 2)", "floor.tiles"),

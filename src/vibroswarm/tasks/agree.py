@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from vibroswarm.core.numbers import count, listed
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.tasks import majority
@@ -27,15 +26,11 @@ def truth(floor: Floor, asked: Asked, p: Any) -> None:
 
 def check(floor: Floor, asked: Asked, p: Any) -> None:
     """Refuse floors on which one kind of tile is more common than another."""
-    majority.check_kinds(floor, "'agree' asks for a side between kinds of tile")
+    majority.check(floor, asked, p)
     tiles = np.bincount(floor.tiles.ravel(), minlength=asked.kinds)
-    if tiles.max() - tiles.min() > 1:
-        counts = listed(
-            f"{count(number, 'tile')} of kind {kind}" for kind, number in enumerate(tiles.tolist())
-        )
+    if np.ptp(tiles) > 1:
         raise InputError(
-            f"'agree' asks on which side a swarm ends where no side is right, and this floor has {counts}; "
-            "give as many of each, as random:0.5 does, or choose majority",
+            f"'agree' needs as many tiles of each kind, and not {tiles.tolist()}; choose majority",
             field="task.name",
         )
 

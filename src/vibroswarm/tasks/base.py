@@ -36,7 +36,7 @@ from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, InputError, shown
 from vibroswarm.floors.floor import Floor
 from vibroswarm.strategies.base import Plugin
-from vibroswarm.strategies.static_analysis import refuse_chance, where
+from vibroswarm.strategies.static_analysis import refuse_chance
 
 
 class Asked(NamedTuple):
@@ -83,31 +83,11 @@ class Task(Plugin):
     scored: Callable[[Floor, Asked, Any], Any] | None = None
 
     def __post_init__(self) -> None:
-        """Check the fields.
-
-        Raises:
-            InputError: ``truth`` is not a function, ``answers`` or ``presumed`` is wrong, a function draws random
-                numbers, or the name is not valid (``Plugin``).
-        """
+        """Check the name (``Plugin``), and that ``truth`` is a function; no function may draw random numbers."""
         super().__post_init__()
         if not callable(self.truth):
             raise InputError("has no function truth(floor, asked, p)", field=f"task '{self.name}'")
-        if not callable(self.answers):
-            self._check_answers(self.answers)
         refuse_chance(vars(self).values(), "the truth follows from the floor")
-
-    def _check_answers(self, answers: object) -> None:
-        is_listed = isinstance(answers, tuple | list) and all(isinstance(answer, str) for answer in answers)
-        if not is_listed or len(self.answers_of(2)) < 2:
-            raise InputError(
-                f"{shown(answers)} is wrong; give a tuple of at least two texts, what 0, 1 and so on mean",
-                field=f"task '{self.name}', answers",
-            )
-        if self.presumed is not None and self.presumed not in range(len(self.answers_of(2))):
-            raise InputError(
-                f"{shown(self.presumed)} is not one of its answers, 0 to {len(self.answers_of(2)) - 1}",
-                field=f"task '{self.name}', presumed",
-            )
 
     def estimated_in_words(self, params: BaseModel) -> str:
         """Return in words which number the task asks for; empty: it asks for a decision."""
@@ -141,32 +121,25 @@ class Task(Plugin):
 
     def answer_of_robot(self, floor: Floor, asked: Asked, params: BaseModel) -> int | None:
         """Return the right decision of one robot, which was last asked on ``asked.start``; else as ``answer``."""
-        answer = self._called(self.truth, floor, asked, params)
         count = len(self.answers_of(asked.kinds))
-        if answer is not None and not (
-            isinstance(answer, int | np.integer | np.bool_) and 0 <= int(answer) < count
-        ):
-            numbers = ", ".join(map(str, range(count)))
-            raise CodeError(f"{self._place(self.truth)}: returned {shown(answer)}; return {numbers} or None")
-        return None if answer is None else int(answer)
+        with errors_in(self.code):
+            answer = self.truth(floor, asked, params)
+        if answer is None:
+            return None
+        if not (isinstance(answer, int | np.integer | np.bool_) and 0 <= answer < count):
+            raise self._returned(answer, f"{', '.join(map(str, range(count)))} or None")
+        return int(answer)
 
     def number(self, floor: Floor, asked: Asked, params: BaseModel) -> float:
         """Return the number against which estimates are scored; arguments and errors are those of ``answer``."""
-        function = self.scored or self.truth
-        found = self._called(function, floor, asked, params)
-        if not (isinstance(found, int | float | np.number) and math.isfinite(found)):
-            raise CodeError(f"{self._place(function)}: returned {shown(found)}; return a finite number")
-        return float(found)
+        with errors_in(self.code):
+            number = (self.scored or self.truth)(floor, asked, params)
+        if not (isinstance(number, int | float | np.number) and math.isfinite(number)):
+            raise self._returned(number, "a finite number")
+        return float(number)
 
-    def _called(self, function: Callable[..., Any], floor: Floor, asked: Asked, params: BaseModel) -> Any:
-        with errors_in(self.code, otherwise=self._place(function)):
-            return function(floor, asked, params)
-
-    def _place(self, function: Callable[..., Any]) -> str:
-        """Return where a function is, for a message: file, line and name; or the task, if it is no plain function."""
-        if not hasattr(function, "__code__"):  # an object that can be called
-            return f"task '{self.name}', {'truth' if function is self.truth else 'scored'}"
-        return where(function)
+    def _returned(self, value: object, wanted: str) -> CodeError:
+        return CodeError(f"task '{self.name}': returned {shown(value)}; return {wanted}")
 
 
 _registry = Registry[Task]("task", "task.name")

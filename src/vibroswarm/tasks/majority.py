@@ -28,19 +28,8 @@ def truth(floor: Floor, asked: Asked, p: Any) -> int | None:
 
 def check(floor: Floor, asked: Asked, p: Any) -> None:
     """Refuse floors of values and patches, which are contrasts between two kinds."""
-    check_kinds(floor, "'majority' asks which kind of tile is the most common")
-
-
-def check_kinds(floor: Floor, asks: str) -> None:
-    """Refuse floors of values and patches.
-
-    Args:
-        asks: what is asked, in words.
-    """
     if floor.surface is not PLAIN:
-        raise InputError(
-            f"{asks}, and this floor has values or patches; choose fill_ratio", field="task.name"
-        )
+        raise InputError("floors of values or patches have no kinds; choose fill_ratio", field="task.name")
 
 
 def answers(kinds: int) -> tuple[str, ...]:

@@ -26,8 +26,7 @@ def check(floor: Floor, asked: Asked, p: Any) -> None:
     """Refuse floors of more than two kinds of tile, which have no values."""
     if asked.kinds > 2:
         raise InputError(
-            f"'mean' asks for the mean value of tiles, and this world has {asked.kinds} kinds without values; choose "
-            "majority",
+            f"'mean' needs tiles with values, and not of {asked.kinds} kinds; choose majority",
             field="task.name",
         )
 

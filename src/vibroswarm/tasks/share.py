@@ -38,8 +38,7 @@ def check(floor: Floor, asked: Asked, p: Any) -> None:
     """Refuse floors whose tiles have values, of which none or all vibrate."""
     if floor.surface.values is not None:
         raise InputError(
-            "'share' asks for the share of tiles that vibrate, and these have values; choose mean",
-            field="task.name",
+            "'share' needs tiles that vibrate or not, and these have values; choose mean", field="task.name"
         )
 
 
