@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,10 @@ from vibroswarm.core.jit import inner, kernel
 from vibroswarm.core.rng import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
 from vibroswarm.floors.floor import Floor, Place
 from vibroswarm.floors.surfaces import STEPS, edge_distance
-from vibroswarm.observation.energy_model import factors_differ, is_sensed, shares_below
+from vibroswarm.observation.energy_model import factors_differ, model_of, shares_below
+from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.sensors import SensorModel
 
 FAR = 6.0
 """An edge is taken not to be sensed from farther than its reach plus FAR blurs: one sample in 10^9 would sense it."""
@@ -289,60 +292,94 @@ def response_of(scenario: Scenario, seed: int, runs: Sequence[int], floors: Sequ
     Args:
         runs: the run numbers. floors: of each run, in the order of ``runs``.
     """
-    sensor, tiles = scenario.sensor, [floor.tiles.size for floor in floors]
-    contrasts = contrasts_of(floors)
+    sensor, contrasts = scenario.sensor, contrasts_of(floors)
     patches, first_patch = _patches_of(floors, contrasts)
-    # One row, with factor 1, for all runs, robots and tiles.
-    factors, first, per_robot = np.ones(1), [0] * len(tiles), [1] * len(tiles)
-    if factors_differ(sensor) and tiles:
-        of_runs = [_factors(scenario, seed, run, size) for run, size in zip(runs, tiles, strict=True)]
-        factors = np.concatenate(of_runs)
-        first = np.cumsum([0, *map(len, of_runs[:-1])]).tolist()
-        if sensor.tile_spread:
-            per_robot = [size + 1 for size in tiles]
-    # A sensor that depends on the place is read sample by sample (``observe``), so that no shares are needed.
-    shares = np.zeros((1, sensor.kinds, sensor.readings - 1))
-    if not is_sensed(sensor):
-        shares = np.ascontiguousarray(shares_below(sensor, factors, contrasts))
+    # With redraw = "study" all runs use the floor of run 0, with that floor's factors. With redraw = "run" each run
+    # draws its own factors, even if the floor's tiles are fixed.
+    of_floor = tuple(runs) if scenario.floor.redraw == "run" else (0,) * len(runs)
+    tiles = tuple(floor.tiles.size for floor in floors)
+    rows = _factor_rows(
+        sensor,
+        model_of(sensor),
+        seed,
+        tuple(runs),
+        of_floor,
+        scenario.swarm.robots,
+        tiles,
+        tuple(contrasts.tolist()),
+    )
     return Response(
         edges=sensor.edge_reach_m is not None or sensor.edge_blur_m is not None,
         reach_m=sensor.edge_reach_m or 0.0,
         blur_m=sensor.edge_blur_m or 0.0,
         robots_differ=sensor.robot_spread is not None,
-        first=np.array(first, dtype=np.int64),
-        per_robot=np.array(per_robot, dtype=np.int64),
-        factors=factors,
-        shares_below=shares,
+        **rows,
         contrasts=contrasts,
         patches=patches,
         first_patch=first_patch,
     )
 
 
-def _factors(scenario: Scenario, seed: int, run: int, tiles: int) -> NDArray[np.float64]:
+@lru_cache(maxsize=16)
+def _factor_rows(
+    sensor: Sensor, model: SensorModel, seed: int, runs: tuple[int, ...], of_floor: tuple[int, ...], robots: int,
+    tiles: tuple[int, ...], contrasts: tuple[float, ...],
+) -> dict[str, NDArray[Any]]:  # fmt: skip
+    """Return ``first``, ``per_robot``, ``factors`` and ``shares_below`` of ``Response``; cached, as cells share them.
+
+    Args:
+        of_floor: (runs,): the run whose factors of tiles each run has. tiles: (runs,): number of tiles of its floor.
+    """
+    # One row, with factor 1, for all runs, robots and tiles.
+    factors, first, per_robot = np.ones(1), [0] * len(tiles), [1] * len(tiles)
+    if factors_differ(sensor) and tiles:
+        of_runs = [
+            _factors(sensor, seed, *of_run, robots) for of_run in zip(runs, of_floor, tiles, strict=True)
+        ]
+        factors = np.concatenate(of_runs)
+        first = np.cumsum([0, *map(len, of_runs[:-1])]).tolist()
+        if sensor.tile_spread:
+            per_robot = [size + 1 for size in tiles]
+    # A sensor that depends on the place is read sample by sample (``observe``), so that no shares are needed.
+    shares = np.zeros((1, sensor.kinds, sensor.readings - 1))
+    if model.sense is None:
+        shares = np.ascontiguousarray(shares_below(sensor, factors, np.array(contrasts)))
+    return {
+        "first": np.array(first, dtype=np.int64),
+        "per_robot": np.array(per_robot, dtype=np.int64),
+        "factors": factors,
+        "shares_below": shares,
+    }
+
+
+def _factors(
+    sensor: Sensor, seed: int, run: int, of_floor: int, tiles: int, robots: int
+) -> NDArray[np.float64]:
     """Return the factors of a run, flattened, in the order of ``Response.factors``.
 
     There is a block for each robot, or a single block if robots do not differ. A block has the factor of places on no
     tile, which is the robot's own, and then a factor for each tile; if tiles do not differ, it has the first one only.
-
-    Args:
-        tiles: number of tiles of the run's floor.
     """
-    sensor, robots = scenario.sensor, range(scenario.swarm.robots)
     of_tile, of_robot = np.ones(1), np.ones(1)
     if sensor.tile_spread is not None:
-        # With redraw = "study" all runs use the floor of run 0, with that floor's factors. With redraw = "run" each run
-        # draws its own factors, even if the floor's tiles are fixed.
-        number = run if scenario.floor.redraw == "run" else 0
-        u = [uniform(seed, number, 0, HARDWARE, tile, OF_TILE) for tile in range(tiles)]
+        u = _fill_numbers(seed, of_floor, False, np.empty(tiles))
         of_tile = np.append(1.0, _log_normal(u, sensor.tile_spread))  # 1.0 for places on no tile
     if sensor.robot_spread is not None:
-        u = [uniform(seed, run, robot, HARDWARE, 0, OF_SENSOR) for robot in robots]
+        u = _fill_numbers(seed, run, True, np.empty(robots))
         of_robot = _log_normal(u, sensor.robot_spread)
     return np.asarray(np.outer(of_robot, of_tile).ravel())
 
 
-def _log_normal(u: list[float], spread: float) -> NDArray[np.float64]:
+@kernel
+def _fill_numbers(seed: int, run: int, robots: bool, out: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Write the uniform numbers from which factors of robots, or of tiles, are drawn, and return them."""
+    for k in range(out.size):
+        robot, tile = (k, 0) if robots else (0, k)
+        out[k] = uniform(seed, run, robot, HARDWARE, tile, OF_SENSOR if robots else OF_TILE)
+    return out
+
+
+def _log_normal(u: NDArray[np.float64], spread: float) -> NDArray[np.float64]:
     """Return the quantiles ``u`` of a log-normal distribution of mean 1, whose logarithm has this spread."""
     from scipy.special import ndtri
 

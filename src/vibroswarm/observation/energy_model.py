@@ -49,8 +49,6 @@ def is_sensed(sensor: Sensor) -> bool:
     return model_of(sensor).sense is not None
 
 
-AT_ONCE: Final = 4096
-"""Samples whose densities are computed at once for all factors: fewer calls, and little memory."""
 NO_FACTORS: Final = np.ones(1)
 """One row with factor 1."""
 NO_CONTRASTS: Final = np.empty(0)
@@ -339,14 +337,8 @@ def mean_density(
     """Return the mean density of values over the distribution of the factors of tiles and robots, (samples,)."""
     if not factors_differ(sensor):
         return density(value)
-    factors, weights = (each.tolist() for each in typical_factors(sensor))
     total = np.zeros(len(value))
-    for start in range(0, len(value), AT_ONCE):
-        piece = slice(start, start + AT_ONCE)
-        found = density(np.concatenate([value[piece] / factor for factor in factors])).reshape(
-            len(factors), -1
-        )
-        for factor, weight, each in zip(factors, weights, found, strict=True):
-            # The energy is factor * G, so its density is that of the law at energy / factor, over factor.
-            total[piece] += weight * (each / factor)
+    for factor, weight in zip(*(each.tolist() for each in typical_factors(sensor)), strict=True):
+        # The energy is factor * G, so its density is that of the law at energy / factor, over factor.
+        total += weight * (density(value / factor) / factor)
     return total

@@ -229,31 +229,28 @@ def read_samples(
     run = motion["run"].to_numpy()
     begins = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
     runs = run[begins].tolist()
-    columns = [motion[name].to_numpy() for name in ("robot", "sample", "x_m", "y_m", "time_s")]
+    columns = _columns(*(motion[name].to_numpy() for name in ("robot", "sample", "x_m", "y_m", "time_s")))
+    time_s = columns[2]
     response = response_of(scenario, seed, runs, [floors[one] for one in runs])
     readings = _no_readings(scenario.sensor, run.size, energies, response.contrasts)
     grounds = _grounds(response, sensor_faults(scenario, seed, runs), runs, floors)
     bounds = pairwise([*begins.tolist(), run.size])
     for one, ground, (begin, end) in zip(runs, grounds, bounds, strict=True):
-        for floor, part in ground.parts(columns[-1][begin:end]):
+        for floor, part in ground.parts(time_s[begin:end]):
             rows = slice(begin + part.start, begin + part.stop)
-            samples = _samples_on(floor, seed, one, *(column[rows] for column in columns))
+            samples = Samples(floor.place, floor.tiles, *(column[rows] for column in columns), seed, one)
             _read_part(scenario.sensor, floor, samples, _part_of(readings, rows))
     return readings
 
 
-def _samples_on(
-    floor: SensedFloor, seed: int, run: int, robot: Any, sample: Any, x_m: Any, y_m: Any, time_s: Any
-) -> Samples:
-    """Return samples of one run, read-only so that kernels are compiled once."""
-    x_m, y_m, time_s = (read_only(np.ascontiguousarray(column, np.float64)) for column in (x_m, y_m, time_s))
-    robot, sample = (read_only(column.astype(np.int64)) for column in (robot, sample))
-    return Samples(floor.place, floor.tiles, x_m, y_m, time_s, robot, sample, seed, run)
+def _columns(robot: Any, sample: Any, x_m: Any, y_m: Any, time_s: Any) -> list[Any]:
+    """Return the columns of ``Samples``, read-only so that kernels are compiled once."""
+    places = [np.ascontiguousarray(column, np.float64) for column in (x_m, y_m, time_s)]
+    return [read_only(column) for column in (*places, robot.astype(np.int64), sample.astype(np.int64))]
 
 
 def _part_of(readings: Readings, rows: slice) -> Readings:
-    columns: list[Any] = [column[rows] for column in readings[:-1]]
-    return Readings(*columns, readings.contrasts)
+    return Readings._make([*(column[rows] for column in readings[:-1]), readings.contrasts])
 
 
 def _no_readings(sensor: Sensor, count: int, energies: bool, contrasts: NDArray[np.float64]) -> Readings:
@@ -316,9 +313,7 @@ def values_at(
         tiles: (tiles,), kinds of the floor's tiles. place: its grid and position. seed, run: address of chance.
         robot, sample, x_m, y_m, time_s: (samples,), columns of the motion table.
     """
-    samples = Samples(
-        place, tiles, x_m, y_m, time_s, robot.astype(np.int64), sample.astype(np.int64), seed, run
-    )
+    samples = Samples(place, tiles, *_columns(robot, sample, x_m, y_m, time_s), seed, run)
     return model_of(sensor).sensed(samples, sensor.params)
 
 
@@ -365,7 +360,8 @@ def energies_at(
         ground: floor and sensors of the run.
         robot, sample, x_m, y_m, time_s: (samples,), columns of the motion table.
     """
-    samples = _samples_on(ground, seed, run, robot, sample, x_m, y_m, time_s)
+    columns = _columns(robot, sample, x_m, y_m, time_s)
+    samples = Samples(ground.place, ground.tiles, *columns, seed, run)
     readings = _no_readings(scenario.sensor, robot.size, True, ground.response.contrasts)
     _read_part(scenario.sensor, ground, samples, readings)
     return energies_read(scenario, readings)

@@ -45,7 +45,8 @@ def share_at_most(kind: int, thresholds: Values, p: Any) -> Values:
     from scipy.special import gammainc
 
     shape, scale, location = law_of(kind, p)
-    return np.asarray(gammainc(shape, np.maximum(thresholds - location, 0.0) / scale))
+    with np.errstate(over="ignore"):
+        return np.asarray(gammainc(shape, np.maximum(thresholds - location, 0.0) / scale))
 
 
 def likelihood(kind: int, value: Values, p: Any) -> Values:
