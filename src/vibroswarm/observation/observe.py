@@ -238,15 +238,16 @@ def read_samples(
     for one, ground, (begin, end) in zip(runs, grounds, bounds, strict=True):
         for floor, part in ground.parts(time_s[begin:end]):
             rows = slice(begin + part.start, begin + part.stop)
-            samples = Samples(floor.place, floor.tiles, *(column[rows] for column in columns), seed, one)
+            x_m, y_m, times, robot, sample = (column[rows] for column in columns)
+            samples = Samples(floor.place, floor.tiles, x_m, y_m, times, robot, sample, seed, one)
             _read_part(scenario.sensor, floor, samples, _part_of(readings, rows))
     return readings
 
 
-def _columns(robot: Any, sample: Any, x_m: Any, y_m: Any, time_s: Any) -> list[Any]:
+def _columns(robot: Any, sample: Any, x_m: Any, y_m: Any, time_s: Any) -> tuple[Any, Any, Any, Any, Any]:
     """Return the columns of ``Samples``, read-only so that kernels are compiled once."""
-    places = [np.ascontiguousarray(column, np.float64) for column in (x_m, y_m, time_s)]
-    return [read_only(column) for column in (*places, robot.astype(np.int64), sample.astype(np.int64))]
+    x, y, time = (read_only(np.ascontiguousarray(column, np.float64)) for column in (x_m, y_m, time_s))
+    return x, y, time, read_only(robot.astype(np.int64)), read_only(sample.astype(np.int64))
 
 
 def _part_of(readings: Readings, rows: slice) -> Readings:
@@ -313,7 +314,7 @@ def values_at(
         tiles: (tiles,), kinds of the floor's tiles. place: its grid and position. seed, run: address of chance.
         robot, sample, x_m, y_m, time_s: (samples,), columns of the motion table.
     """
-    samples = Samples(place, tiles, *_columns(robot, sample, x_m, y_m, time_s), seed, run)
+    samples = Samples(place, tiles, *_columns(robot, sample, x_m, y_m, time_s), seed=seed, run=run)
     return model_of(sensor).sensed(samples, sensor.params)
 
 
@@ -361,7 +362,7 @@ def energies_at(
         robot, sample, x_m, y_m, time_s: (samples,), columns of the motion table.
     """
     columns = _columns(robot, sample, x_m, y_m, time_s)
-    samples = Samples(ground.place, ground.tiles, *columns, seed, run)
+    samples = Samples(ground.place, ground.tiles, *columns, seed=seed, run=run)
     readings = _no_readings(scenario.sensor, robot.size, True, ground.response.contrasts)
     _read_part(scenario.sensor, ground, samples, readings)
     return energies_read(scenario, readings)
