@@ -23,7 +23,6 @@ from vibroswarm.core.numbers import percent, whole
 from vibroswarm.core.untrusted_files import read_bytes
 from vibroswarm.errors import InputError, named, number_of, warn_once
 from vibroswarm.floors.floor import as_tiles, check_size, rows_of
-from vibroswarm.floors.surfaces import steps_of
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -110,10 +109,8 @@ def read_values(
             f"holds them, as values:{math.floor(values.min())}..{math.ceil(values.max())}:{name}",
             field=name,
         )
-    values = (values - low) / (high - low)
-    steps_of(values, name)  # which checks it
     _check_shape(values, size, name)
-    return values
+    return (values - low) / (high - low)
 
 
 # Text

@@ -339,8 +339,8 @@ def _floor_values(
             "floor.rows": grid.shape[0],
             "floor.columns": grid.shape[1],
         }
-    kinds = rows_of(grid) if family(spec) is None else None
-    return {"floor.source": name, "floor.tiles": kinds, "floor.values": None}
+    rows = rows_of(grid) if family(spec) is None else None
+    return {"floor.source": name, "floor.tiles": rows, "floor.values": None}
 
 
 def warnings_of(scenario: Scenario) -> list[str]:
