@@ -138,7 +138,7 @@ BAD = {
     "evaluate one.toml --out /proc/nobody": ("/proc/nobody", "cannot be made"),
     "evaluate --runs 0": ("runs", "0 is wrong"),
     "evaluate --runs 5 --until 2%": ("--until", "not both"),
-    "evaluate --until 2": ("until", "give one such as 2%"),
+    "evaluate --until 2": ("until", "such as 2%"),
     "evaluate --until 2% --figure robots_rigth": ("figure", "did you mean 'robots_right'?"),
     "evaluate --until 2% --max-runs 5": ("max_runs", "whole number from 100"),
     "evaluate --until 2% --shard 1/2 --out out": ("--shard", "needs a fixed number of runs"),
