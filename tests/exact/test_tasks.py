@@ -80,7 +80,7 @@ def test_the_share_of_any_kind_may_be_asked_for() -> None:
         marginal = stats.beta(counts[kind], counts.sum() - counts[kind])  # of a Dirichlet distribution
         assert robot["estimate"][0] == pytest.approx(marginal.mean())
         assert robot["estimate_spread"][0] == pytest.approx(marginal.std())
-    with pytest.raises(InputError, match=r"task\.share\.kind: 3 is not a kind of tile that the sensor knows"):
+    with pytest.raises(InputError, match=r"task\.share\.kind: 3 is not a kind from 0 to 2"):
         PAPER.with_values({**three, "task.name": "share", "task.share.kind": 3})
 
 

@@ -28,8 +28,6 @@ REDRAW: Final = "redraw"
 """The same tiles, at random places."""
 GROW: Final = "grow"
 """Still tiles beside others become like them."""
-MOST_CHANGES: Final = 1_000_000
-"""Largest number of changes of tiles that is expected of a run."""
 
 Times = Annotated[
     tuple[Annotated[float, Field(gt=0, le=1e7)], ...], Field(min_length=1, max_length=1000, strict=False)

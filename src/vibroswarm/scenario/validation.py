@@ -8,46 +8,36 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import numpy as np
-
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError, shown
 from vibroswarm.floors.surfaces import VALUES, kind_of_name
-from vibroswarm.scenario.change_fields import MOST_CHANGES
 from vibroswarm.scenario.fault_fields import OF_TWO_KINDS, check_faults
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.sensors.confusion import check_rates
 from vibroswarm.strategies.base import Plugin, Strategy
 from vibroswarm.tasks import Asked, Task
 
-VARIATIONS = ("misalignment_wander", "misalignment_drift", "misalignment_run_spread")
-"""Fields of ``robot`` that add random numbers to a robot's misalignment."""
-
 
 def _check_ranges(s: Sections) -> None:
     """Refuse lower bounds above upper bounds, misalignments that could stop a wheel, and unequal lists of rays."""
     pairs = (
-        ("robot.misalignment", s.robot.misalignment_min, s.robot.misalignment_max),
-        ("robot.speed_factor", s.robot.speed_factor_min, s.robot.speed_factor_max),
-        ("walk.leg", s.walk.leg_min_ms, s.walk.leg_max_ms),
+        ("robot.misalignment_min", s.robot.misalignment_min, s.robot.misalignment_max),
+        ("robot.speed_factor_min", s.robot.speed_factor_min, s.robot.speed_factor_max),
+        ("walk.leg_min_ms", s.walk.leg_min_ms, s.walk.leg_max_ms),
     )
     for name, low, high in pairs:
         if low > high:
-            unit = "_ms" if name == "walk.leg" else ""  # the names of both fields of legs end in _ms
-            raise InputError(f"{low} is above {name}_max{unit}, which is {high}", field=f"{name}_min{unit}")
+            raise InputError(f"{low} is above the upper bound, which is {high}", field=name)
     # The speeds of the wheels are proportional to 1 - misalignment and 1 + misalignment.
     if _largest_misalignment(s) + widest_veer_shift(s) >= 1.0:
-        # Misalignments themselves are between -1 and 1, so a variation is set. The largest is the one to reduce.
-        name = max(VARIATIONS, key=lambda name: getattr(s.robot, name) or 0.0)
         raise InputError(
-            f"{getattr(s.robot, name):g} is too much: with the misalignments, a wheel could stand or turn backwards",
-            field=f"robot.{name}",
+            "with wander, drift and differences between runs, a wheel could stand or turn backwards",
+            field="robot.misalignment_max",
         )
     if len(s.rays.side_m) != len(s.rays.angle_deg):
         raise InputError(
-            f"{len(s.rays.side_m)} values for {len(s.rays.angle_deg)} of rays.angle_deg; give equal numbers",
-            field="rays.side_m",
+            f"{len(s.rays.side_m)} values for {len(s.rays.angle_deg)} of rays.angle_deg", field="rays.side_m"
         )
 
 
@@ -73,44 +63,30 @@ def lattice_sites(s: Sections) -> tuple[int, int]:
     return int((right - left) / pitch) + 1, int((high - low) / pitch) + 1
 
 
-def _check_each(s: Sections) -> None:
+def _check_speed_factors(s: Sections) -> None:
     """Refuse ``robot.speed_factors`` with a value out of bounds, or if speeds are redrawn for each sample."""
     robot = s.robot
-    if robot.speed_factors is not None and robot.speed_redraw == "sample":
+    factors, low, high = robot.speed_factors, robot.speed_factor_min, robot.speed_factor_max
+    if factors is None:
+        return
+    if robot.speed_redraw == "sample" or min(factors) < low or max(factors) > high:
         raise InputError(
-            'these factors hold for the whole run; set robot.speed_redraw to "robot"',
+            f'requires robot.speed_redraw = "robot", and values from speed_factor_min to speed_factor_max, {low:g} to '
+            f"{high:g}",
             field="robot.speed_factors",
         )
-    for value in robot.speed_factors or ():
-        if not robot.speed_factor_min <= value <= robot.speed_factor_max:
-            raise InputError(
-                f"{value:g} is outside of robot.speed_factor_min to speed_factor_max, which are "
-                f"{robot.speed_factor_min:g} and {robot.speed_factor_max:g}",
-                field="robot.speed_factors",
-            )
 
 
 def _check_places(s: Sections) -> None:
-    """Refuse a start region that is too small for the robots: for one robot, or for all side by side."""
+    """Refuse more robots than can start side by side."""
     left, right, low, high = start_region(s)
-    size = f"{stated(s.arena.width_m)} m x {stated(s.arena.height_m)} m"
-    if left > right or low > high:
-        most_m = min(s.arena.size_m) / 2  # greatest radius or margin
-        if s.robot.body_radius_m > most_m:
-            raise InputError(
-                f"a robot of radius {stated(s.robot.body_radius_m)} m does not fit into an arena of {size}",
-                field="arena.width_m" if s.arena.width_m <= s.arena.height_m else "arena.height_m",
-            )
-        raise InputError(
-            f"{s.swarm.start_margin_m:g} leaves no place in an arena of {size}; at most {most_m:g}",
-            field="swarm.start_margin_m",
-        )
     columns, rows = lattice_sites(s)
-    if s.swarm.robots > columns * rows:
+    most = 0 if left > right or low > high else columns * rows
+    if s.swarm.robots > most:
         raise InputError(
-            f"{s.swarm.robots} robots of radius {s.robot.body_radius_m:g} m do not fit into an arena of "
-            f"{size} with a start margin of {s.swarm.start_margin_m:g} m: at most {columns * rows} can start side by "
-            "side, in rows and columns (other arrangements, which are not tried, may hold more)",
+            f"{s.swarm.robots} of radius {stated(s.robot.body_radius_m)} m do not fit into an arena of "
+            f"{stated(s.arena.width_m)} m x {stated(s.arena.height_m)} m with a start margin of "
+            f"{s.swarm.start_margin_m:g} m; at most {most} can start side by side",
             field="swarm.robots",
         )
 
@@ -145,59 +121,42 @@ def _check_time(s: Sections) -> None:
     The battery must last longer than the run, the number of ticks must be above 0 and fit into 32 bits, time between
     two samples must be at least one tick, and a robot must not drive farther than its radius in one tick.
     """
+    period_ms, sample = s.run.control_period_ms, s.sample
     if s.run.t_end_s >= s.robot.battery_life_s:
         raise InputError(
-            f"{s.robot.battery_life_s:g} s is not longer than the run ({s.run.t_end_s:g} s): "
-            "the battery would be empty",
+            f"{s.robot.battery_life_s:g} s is not longer than the run ({s.run.t_end_s:g} s)",
             field="robot.battery_life_s",
         )
-    if s.ticks < 1:
-        raise InputError(
-            f"{s.run.t_end_s:g} s has no control period ({s.run.control_period_ms} ms); give a longer run",
-            field="run.t_end_s",
-        )
     # The tick of the end, and the one after it, must fit into 32 bits.
-    if s.ticks > 2**31 - 2:
+    if not 1 <= s.ticks <= 2**31 - 2:
         raise InputError(
-            f"{s.run.t_end_s:g} s is over 2^31 control periods; give a shorter run or a longer run.control_period_ms",
-            field="run.t_end_s",
+            f"{s.run.t_end_s:g} s is not 1 to 2^31 control periods of {period_ms} ms", field="run.t_end_s"
         )
-    if s.sample.sample_interval_ms + s.sample.stop_ms < s.run.control_period_ms:
+    if sample.sample_interval_ms + sample.stop_ms < period_ms:
         raise InputError(
-            f"{s.sample.sample_interval_ms:g} with stop_ms {s.sample.stop_ms:g} is less than one control "
-            f"period ({s.run.control_period_ms} ms)",
+            f"{sample.sample_interval_ms:g} with stop_ms {sample.stop_ms:g} is less than one control period "
+            f"({period_ms} ms)",
             field="sample.sample_interval_ms",
         )
-    step_m = longest_step_m(s)
-    if step_m > s.robot.body_radius_m:
+    if longest_step_m(s) > s.robot.body_radius_m:
         raise InputError(
-            f"{s.run.control_period_ms} ms is too long: a robot could drive {step_m * 1000:.3g} mm, more "
-            "than its radius, between two control periods",
+            f"{period_ms} ms is too long: a robot could drive {longest_step_m(s) * 1000:.3g} mm, more than its radius",
             field="run.control_period_ms",
         )
 
 
 def _check_signal(s: Sections) -> None:
     """Refuse a signal of the accelerometer that is longer than the stop in which it is read."""
-    if s.sample.signal_ms is not None and s.sample.signal_ms > s.sample.stop_ms:
-        raise InputError(
-            f"{s.sample.signal_ms:g} is longer than the stop, which is sample.stop_ms = {s.sample.stop_ms:g}",
-            field="sample.signal_ms",
+    sensor, field, signal_ms = s.sensor.entry, "sample.signal_ms", s.sample.signal_ms
+    if sensor is not None and sensor.accelerometer is not None:
+        field, signal_ms = (
+            f"sensor.{s.sensor.model}.signal_ms",
+            sensor.accelerometer(s.sensor.params).signal_ms,
         )
-
-
-def _check_time_of_reading(s: Sections, signal_ms: float) -> None:
-    """Refuse a time of reading that the stop does not have, or that two fields state."""
-    own = f"sensor.{s.sensor.model}.signal_ms"
-    if s.sample.signal_ms is not None:
-        raise InputError(
-            f"has no effect beside the sensor '{s.sensor.model}'; set {own}",
-            field="sample.signal_ms",
-        )
-    if signal_ms > s.sample.stop_ms:
+    if signal_ms is not None and signal_ms > s.sample.stop_ms:
         raise InputError(
             f"{signal_ms:g} is longer than the stop, which is sample.stop_ms = {s.sample.stop_ms:g}",
-            field=own,
+            field=field,
         )
 
 
@@ -219,56 +178,40 @@ def _own_check(part: Plugin, check: Callable[..., object] | None, *arguments: ob
 
 
 def _check_sensor(s: Sections) -> None:
-    """Refuse what the sensor's own check refuses, and options that its readings do not have."""
+    """Refuse what the sensor's own check refuses, claims of other rates than it has, and options it has no use for."""
     sensor = s.sensor
-    known = sensor.entry
-    if known is None:  # its code is not loaded
+    if sensor.entry is None:  # its code is not loaded
         return
-    _own_check(known, known.check, sensor.params)
-    for field in ("tile_spread", "robot_spread"):
-        if getattr(sensor, field) is not None and not known.scales:
-            raise InputError(
-                f"multiplies strengths, and '{sensor.model}' measures none; leave it out (--set sensor.{field}=)",
-                field=f"sensor.{field}",
-            )
+    _own_check(sensor.entry, sensor.entry.check, sensor.params)
     if sensor.claimed_rates is not None:
         field = "sensor.claimed_rates"
         if len(sensor.claimed_rates) != sensor.kinds:
-            raise InputError(
-                f"has {len(sensor.claimed_rates)} rows; give {sensor.kinds}, one for each kind of tile",
-                field=field,
-            )
+            raise InputError(f"give {sensor.kinds} rows, one for each kind of tile", field=field)
         check_rates(sensor.claimed_rates, sensor.readings, field)
-    if known.sense is not None:
-        _check_options_of_laws(s)
-    if known.accelerometer is not None:
-        _check_time_of_reading(s, known.accelerometer(sensor.params).signal_ms)
+    for field in _options_without_law(s):
+        raise InputError(f"has no meaning for the sensor '{sensor.model}'; leave it out", field=field)
 
 
-def _check_options_of_laws(s: Sections) -> None:
-    """Refuse what changes the law of a kind of tile, for a sensor that measures at each place."""
-    why = f"'{s.sensor.model}' measures at each place"
-    if field := _edge_option(s):
-        raise InputError(
-            f"changes the law of a kind of tile, and {why}; leave it out (--set {field}=)", field=field
-        )
-    _check_bias(s, why)
+def _options_without_law(s: Sections) -> list[str]:
+    """Return the fields that are set and change a strength or a law of two kinds of tile, if the sensor has none."""
+    sensor, model = s.sensor, s.sensor.entry
+    is_of_two = max(sensor.kinds, sensor.readings) <= 2
+    fields: list[str] = []
+    if not model.scales:
+        fields += [f"sensor.{name}" for name in ("tile_spread", "robot_spread") if getattr(sensor, name)]
+    if model.sense is not None or not is_of_two:
+        fields += _edge_options(s)
+        fields += [f"faults.{name}" for name in OF_TWO_KINDS if s.faults.biased and getattr(s.faults, name)]
+    if not is_of_two and s.decision.boundary_of == "tiles":
+        fields.append("decision.boundary_of")
+    return fields
 
 
-def _edge_option(s: Sections) -> str:
-    """Return the first field that is set of those on edges between kinds of tile; empty if none is."""
-    names = [name for name in ("edge_reach_m", "edge_blur_m") if getattr(s.sensor, name) is not None]
-    return f"sensor.{names[0]}" if names else ""
-
-
-def _check_bias(s: Sections, why: str) -> None:
-    """Refuse shifts of the rates of false positives and negatives of a sensor that has no law of two kinds of tile."""
-    for name in OF_TWO_KINDS:
-        if s.faults.biased and getattr(s.faults, name):
-            raise InputError(
-                f"shifts a law of two kinds of tile, and {why}; set faults.misread_shift, for any sensor",
-                field=f"faults.{name}",
-            )
+def _edge_options(s: Sections) -> list[str]:
+    """Return the fields that are set of those on edges between kinds of tile."""
+    return [
+        f"sensor.{name}" for name in ("edge_reach_m", "edge_blur_m") if getattr(s.sensor, name) is not None
+    ]
 
 
 def _check_kinds(s: Sections) -> None:
@@ -278,15 +221,11 @@ def _check_kinds(s: Sections) -> None:
     kinds, readings = s.sensor.kinds, s.sensor.readings
     tiles, name = s.floor.tiles_for(0, 0)
     if tiles.max() >= kinds:
-        row, column = (int(index) for index in np.argwhere(tiles >= kinds)[0])
-        more = s.sensor.entry.for_more_kinds
         raise InputError(
-            f"row {row + 1}, column {column + 1} of floor '{name}' is of kind {tiles[row, column]}, and the sensor "
-            f"'{s.sensor.model}' knows {kinds} kinds, from 0; {more}",
+            f"'{name}' has tiles of kind {tiles.max()}, and the sensor '{s.sensor.model}' knows {kinds} kinds, from 0; "
+            f"{s.sensor.entry.for_more_kinds}",
             field="floor.source" if s.floor.tiles is None else "floor.tiles",
         )
-    if max(kinds, readings) > 2:
-        _check_options_of_two(s)
     if s.floor.has_surface:
         _check_surface(s)
     strategy, task = s.strategy.entry, s.task.entry
@@ -299,36 +238,22 @@ def _check_kinds(s: Sections) -> None:
             field="strategy.name",
         )
     kind = getattr(s.task.params, "kind", 1)
-    is_known = isinstance(kind, int) and 0 <= kind < kinds
-    if (strategy.shares or s.task.name == "share") and not is_known:
-        raise InputError(
-            f"{shown(kind)} is not a kind of tile that the sensor knows, which are 0 to {kinds - 1}",
-            field=f"task.{s.task.name}.kind",
-        )
+    if (strategy.shares or s.task.name == "share") and kind not in range(kinds):
+        raise InputError(f"{shown(kind)} is not a kind from 0 to {kinds - 1}", field=f"task.{task.name}.kind")
     _check_task(s, task)
     if task.estimated:
-        if not strategy.estimates:
+        others = s.task.name == "share" and kind != 1 and not (strategy.shares or strategy.is_own)
+        if others or not strategy.estimates:
             raise InputError(
-                f"'{s.task.name}' asks for the {task.estimated_in_words(s.task.params)}, and '{s.strategy.name}' "
-                "estimates no number; choose a strategy that counts readings, such as none or mcp",
+                f"'{s.strategy.name}' does not estimate the {task.estimated_in_words(s.task.params)}, which the task "
+                f"'{s.task.name}' asks for; choose another strategy",
                 field="strategy.name",
-            )
-        if s.task.name == "share" and kind != 1 and not (strategy.shares or strategy.is_own):
-            raise InputError(
-                f"asks for the {task.estimated_in_words(s.task.params)}, and '{s.strategy.name}' estimates that of "
-                "tiles that vibrate; choose a strategy that estimates shares of kinds, such as dirichlet or averaging",
-                field="task.share.kind",
             )
         return
     answers, decisions = task.answers_of(kinds), kinds if strategy.answers_kinds else 2
     if len(answers) != decisions:
-        other = "fill_ratio, or a strategy with answers_kinds, such as dirichlet"
-        fitting = (
-            f"majority, or a sensor of {len(answers)} kinds of tile" if strategy.answers_kinds else other
-        )
         raise InputError(
-            f"'{s.task.name}' has {len(answers)} answers, and '{s.strategy.name}' decides among {decisions}; "
-            f"choose {fitting}",
+            f"'{s.task.name}' has {len(answers)} answers, and '{s.strategy.name}' decides among {decisions}",
             field="task.name",
         )
 
@@ -337,19 +262,11 @@ def _check_task(s: Sections, task: Task) -> None:
     """Refuse costs that do not fit the task's answers, and floors on which its question makes no sense."""
     answers, costs = len(task.answers_of(s.sensor.kinds)), s.task.costs
     if costs is not None:
-        field = "task.costs"
-        if task.estimated:
+        is_square = all(len(row) == answers for row in (costs, *costs))
+        if not is_square or any(costs[k][k] for k in range(answers)) or not any(map(sum, costs)):
             raise InputError(
-                f"are those of decisions, and '{task.name}' asks for a number; leave them out", field=field
-            )
-        if any(len(row) != answers for row in (costs, *costs)):
-            raise InputError(
-                f"'{task.name}' has {answers} answers; give {answers} rows of {answers} costs", field=field
-            )
-        if any(row[k] for k, row in enumerate(costs)) or not any(map(sum, costs)):
-            raise InputError(
-                "right answers cost 0, and at least one mistake costs more; row and column k stand for answer k",
-                field=field,
+                f"give {answers} rows of {answers} costs: 0 for right answers, and more for at least one mistake",
+                field="task.costs",
             )
     if task.check is not None:
         floor = s.floor.placed_in(s.arena, 0, 0)
@@ -359,29 +276,16 @@ def _check_task(s: Sections, task: Task) -> None:
 
 
 def _check_surface(s: Sections) -> None:
-    """Refuse what values of tiles and patches do not go with, and what is wrong with those of run 0."""
-    surface = s.floor.placed_in(s.arena, 0, 0).surface
-    sensor, what = s.sensor, "values of tiles" if surface.values is not None else "patches"
-    model = sensor.entry
-    if model.sense is not None:
+    """Refuse values of tiles and patches without a sensor of strengths of two kinds, and edges beside values."""
+    surface, sensor, model = s.floor.placed_in(s.arena, 0, 0).surface, s.sensor, s.sensor.entry
+    if model.sense is not None or max(sensor.kinds, sensor.readings) > 2 or not model.scales:
         raise InputError(
-            f"{what} are contrasts between the laws of two kinds of tile, and '{sensor.model}' has no laws: it "
-            "measures at each place, from kinds of tile; choose a floor of kinds",
-            field="floor.source",
-        )
-    if max(sensor.kinds, sensor.readings) > 2 or not model.scales:
-        own = (
-            "; if it measures strengths, give its SensorModel scales=True"
-            if model.is_own and not model.scales
-            else ""
-        )
-        raise InputError(
-            f"{what} need a sensor of strengths with two kinds of tile, such as gamma, and '{sensor.model}' is none"
-            f"{own}",
+            f"patches and values of tiles need a sensor of strengths (scales=True) with two kinds of tile, such as "
+            f"gamma, and '{sensor.model}' is none",
             field="sensor.model",
         )
-    if surface.values is not None and (field := _edge_option(s)):
-        raise InputError("edges are those of kinds of tile, and this floor has values", field=field)
+    if surface.values is not None and (fields := _edge_options(s)):
+        raise InputError("edges are those of kinds of tile, and this floor has values", field=fields[0])
 
 
 def _check_asks_for_change(s: Sections) -> None:
@@ -390,36 +294,20 @@ def _check_asks_for_change(s: Sections) -> None:
     if known is None or known.is_own:
         return
     tells = bool(getattr(s.strategy.params, "tells_change", False))
-    if s.task.name == "changed" and not tells:
+    other_question = s.task.name in ("fill_ratio", "majority", "agree")
+    if (s.task.name == "changed" and not tells) or (tells and other_question):
         raise InputError(
-            f"'changed' asks whether the floor has changed, and '{s.strategy.name}' decides on its side; choose "
-            "reset, with strategy.reset.tells_change = true",
+            "the strategy must tell whether the floor has changed if, and only if, the task is changed: "
+            "strategy.reset.tells_change",
             field="task.name",
         )
     asks = s.task.entry
     is_anew = asks is not None and asks.is_asked_anew(s.task.params)
     if is_anew and not getattr(s.strategy.params, "tells_anew", False):
         raise InputError(
-            "asks anew after each answer, and robots keep theirs; choose reset, with strategy.reset.tells_anew = true",
+            "asks anew after each answer, and robots keep theirs; set strategy.reset.tells_anew = true",
             field="task.changed.since" if s.task.name == "changed" else "task.name",
         )
-    if tells and s.task.name in ("fill_ratio", "majority", "agree"):
-        raise InputError(
-            f"tells if the floor has changed, and '{s.task.name}' asks another question; choose the task changed",
-            field=f"strategy.{s.strategy.name}.tells_change",
-        )
-
-
-def _check_options_of_two(s: Sections) -> None:
-    """Refuse what is defined for two kinds of tile and two classes of readings only."""
-    field = _edge_option(s) or ("decision.boundary_of" if s.decision.boundary_of == "tiles" else "")
-    why = f"the sensor '{s.sensor.model}' has {s.sensor.kinds}, and {s.sensor.readings} classes of readings"
-    if field:
-        raise InputError(
-            f"is defined for two kinds of tile and two classes of readings, and {why}; leave it out",
-            field=field,
-        )
-    _check_bias(s, why)
 
 
 def is_neutral_at_half_only(s: Sections) -> bool:
@@ -445,79 +333,42 @@ def _check_boundary(s: Sections) -> None:
         )
     if positive is not None and negative is not None and positive + negative >= 1.0:
         raise InputError(
-            f"{positive:g} and assumed_false_negative {negative:g} sum to 1 or more: such readings tell nothing, or "
-            "the opposite; give rates that sum to less than 1",
+            f"{positive:g} and assumed_false_negative {negative:g} must sum to less than 1",
             field="decision.assumed_false_positive",
-        )
-
-
-FACTOR_LIMIT = 10_000_000
-"""Greatest number of pairs of a robot and a tile whose energies have a factor of their own."""
-
-
-def _check_factors(s: Sections) -> None:
-    """Refuse more pairs of a robot and a tile with a factor of their own than ``FACTOR_LIMIT``."""
-    # Without a spread all robots, or all tiles, have the same factor. The floor of run 0 stands for those of all runs,
-    # as they have the same number of tiles.
-    robots = s.swarm.robots if s.sensor.robot_spread else 1
-    tiles = s.floor.tiles_for(0, 0)[0].size if s.sensor.tile_spread else 1
-    if robots * tiles > FACTOR_LIMIT:
-        raise InputError(
-            f"{robots} robots and {tiles} tiles that all differ are too many; at most {FACTOR_LIMIT} pairs",
-            field="sensor.tile_spread",
         )
 
 
 def _check_floor(s: Sections) -> None:
     """Refuse a floor that lies outside of the arena."""
-    tiles = s.floor.tiles_for(0, 0)[0]  # those of seed 0 and run 0: the size is that of all runs
-    rows, columns = tiles.shape
+    rows, columns = s.floor.tiles_for(0, 0)[0].shape  # the size is that of all runs
     width = s.floor.tile_width_m or s.arena.width_m / columns
     height = s.floor.tile_height_m or s.arena.height_m / rows
     right, top = s.floor.left_m + columns * width, s.floor.bottom_m + rows * height
-    # The arena reaches from 0 to its width and height.
     beside = right <= 0 or s.floor.left_m >= s.arena.width_m
     if beside or top <= 0 or s.floor.bottom_m >= s.arena.height_m:
-        field, size_m = ("left_m", s.arena.width_m) if beside else ("bottom_m", s.arena.height_m)
         raise InputError(
-            f"at {getattr(s.floor, field):g} m the floor lies outside the arena of {stated(size_m)} m; no robot could "
-            "sample a tile",
-            field=f"floor.{field}",
+            "the floor lies outside the arena", field="floor.left_m" if beside else "floor.bottom_m"
         )
 
 
 def _check_change(s: Sections) -> None:
-    """Refuse changes to what is no floor of this size or of the sensor's kinds, and more than memory holds."""
+    """Refuse changes to what is no floor of this size or of the sensor's kinds."""
     change = s.change
     if not change.is_given:
         return
     if s.floor.has_surface or any(kind_of_name(to) in VALUES for _, to in change.steps()):
-        raise InputError(
-            "is defined for kinds of tile, and not for floors of patches and values; leave it out",
-            field="change",
-        )
-    floor = s.floor.placed_in(s.arena, 0, 0)  # seed 0, run 0: sizes and kinds are those of all runs
-    tiles = floor.tiles
+        raise InputError("is defined for kinds of tile, not for patches and values", field="change")
     if change.rate_per_h is not None:
-        expected = tiles.size * change.rate_per_h * s.run.t_end_s / 3600.0
-        if expected > MOST_CHANGES:
-            raise InputError(
-                f"{change.rate_per_h:g} makes some {expected:,.0f} changes of tiles in a run; at most {MOST_CHANGES:,}",
-                field="change.rate_per_h",
-            )
-        if change.shares is not None and len(change.shares) > s.sensor.kinds:
-            raise InputError(
-                f"has shares of {len(change.shares)} kinds, and the sensor '{s.sensor.model}' knows {s.sensor.kinds}",
-                field="change.shares",
-            )
+        kinds, field = len(change.shares or ()), "change.shares"
     else:
-        kinds = change.changes(floor, s.arena.size_m, math.inf, 0, 0).kind
-        if kinds.size and kinds.max() >= s.sensor.kinds:
-            raise InputError(
-                f"makes tiles of kind {kinds.max()}, and the sensor '{s.sensor.model}' knows {s.sensor.kinds} kinds, "
-                "from 0",
-                field="change.to",
-            )
+        floor = s.floor.placed_in(s.arena, 0, 0)  # seed 0, run 0: sizes and kinds are those of all runs
+        kind = change.changes(floor, s.arena.size_m, math.inf, 0, 0).kind
+        kinds, field = 1 + int(kind.max(initial=0)), "change.to"
+    if kinds > s.sensor.kinds:
+        raise InputError(
+            f"makes tiles of {kinds} kinds, and the sensor '{s.sensor.model}' knows {s.sensor.kinds}",
+            field=field,
+        )
 
 
 def _check_network(s: Sections) -> None:
@@ -532,8 +383,7 @@ def _check_faults(s: Sections) -> None:
     check_faults(s.faults, s.swarm.robots)
     if s.faults.stuck and s.faults.stuck_class >= s.sensor.readings and s.sensor.entry is not None:
         raise InputError(
-            f"the sensor '{s.sensor.model}' reads classes from 0 to {s.sensor.readings - 1}, and never "
-            f"{s.faults.stuck_class}",
+            f"the sensor '{s.sensor.model}' reads classes from 0 to {s.sensor.readings - 1}",
             field="faults.stuck_class",
         )
     known: Strategy | None = s.strategy.entry
@@ -553,14 +403,13 @@ def _check_strategy(s: Sections) -> None:
 
 ALL = (
     _check_ranges,
-    _check_each,
+    _check_speed_factors,
     _check_places,
     _check_time,
-    _check_signal,
     _check_sensor,
+    _check_signal,
     _check_kinds,
     _check_boundary,
-    _check_factors,
     _check_floor,
     _check_change,
     _check_asks_for_change,
