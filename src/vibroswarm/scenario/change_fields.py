@@ -12,11 +12,11 @@ from typing import Annotated, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
-from vibroswarm.core.numbers import number, stated
-from vibroswarm.errors import InputError, named, nearest, shown
+from vibroswarm.core.numbers import stated
+from vibroswarm.errors import InputError, named, shown
 from vibroswarm.floors.changes import Changes, changes_between, grown, markov_changes, permuted
 from vibroswarm.floors.floor import DIGITS, Floor, as_tiles
 from vibroswarm.floors.source import SUM_TO_1, is_random, is_redrawn, named_tiles
@@ -61,56 +61,22 @@ class Change(FrozenModel):
         """Turn one value into a list of it."""
         return [value] if isinstance(value, str | int | float) and not isinstance(value, bool) else value
 
-    @field_validator("at_s", "shares", mode="before")
-    @classmethod
-    def _not_text(cls, value: object, info: ValidationInfo) -> object:
-        """Refuse several numbers in one text, such as "300,900".
-
-        Raises:
-            InputError: as said.
-        """
-        text = value[0] if isinstance(value, list) and len(value) == 1 else value
-        if isinstance(text, str) and "," in text:
-            numbers = ", ".join(part.strip() for part in text.split(","))
-            raise InputError(
-                f"'{text}' is a text; write a list: [{numbers}]", field=f"change.{info.field_name}"
-            )
-        return value
-
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
-        """Refuse fields of which one lacks another, or contradicts it.
-
-        Raises:
-            InputError: as said.
-        """
-        if self.at_s is not None and self.rate_per_h is not None:
+        times, to, shares = self.at_s or (), self.to or (), self.shares or ()
+        if bool(times) != bool(to) or (self.rate_per_h is None and shares) or (self.rate_per_h and times):
             raise InputError(
-                "goes without change.at_s: change at given times, or at random", field="change.rate_per_h"
+                "give either at_s and to, or rate_per_h, to which shares may be added", field="change"
             )
-        if (self.at_s is None) != (self.to is None):
-            given, lacks = ("at_s", "to") if self.to is None else ("to", "at_s")
-            what = (
-                'what the floor becomes, such as "invert"'
-                if lacks == "to"
-                else "the times at which it changes, s"
-            )
-            raise InputError(f"is required with change.{given}: {what}", field=f"change.{lacks}")
-        if self.at_s is not None and any(b <= a for a, b in zip(self.at_s, self.at_s[1:], strict=False)):
-            raise InputError(f"{shown(list(self.at_s))} must ascend, each time once", field="change.at_s")
-        if self.at_s is not None and self.to is not None and len(self.to) not in (1, len(self.at_s)):
+        if list(times) != sorted(set(times)):
+            raise InputError(f"{shown(list(times))} must ascend, each time once", field="change.at_s")
+        if len(to) not in (0, 1, len(times)):
             raise InputError(
-                f"has {len(self.to)} entries for {len(self.at_s)} times; give one for all, or one for each",
+                f"has {len(to)} entries for {len(times)} times; give one for all, or one for each",
                 field="change.to",
             )
-        if self.shares is not None and self.rate_per_h is None:
-            raise InputError(
-                "is for tiles that change at random; give change.rate_per_h too", field="change.shares"
-            )
-        if self.shares is not None and abs(sum(self.shares) - 1.0) > SUM_TO_1:
-            raise InputError(
-                f"sum to {sum(self.shares):.12g}; give shares that sum to 1", field="change.shares"
-            )
+        if shares and abs(sum(shares) - 1.0) > SUM_TO_1:
+            raise InputError(f"sum to {sum(shares):.12g}, not to 1", field="change.shares")
         return self
 
     @property
@@ -166,17 +132,14 @@ def _next(
         return _patched(to, floor, floor.box_within(*arena_m), number, seed, run)
     if to == INVERT:
         if tiles.max() > 1:
-            raise InputError(
-                "inverts two kinds of tile, and this floor has more; name another floor", field="change.to"
-            )
+            raise InputError("inverts two kinds of tile, and this floor has more", field="change.to")
         return (1 - tiles).astype(np.uint8)
     if to == REDRAW:
         return permuted(tiles, number, seed, run)
     found = _tiles_of(to, tiles.shape[0], tiles.shape[1], seed, run)
     if found.shape != tiles.shape:
         raise InputError(
-            f"'{to}' has {found.shape[0]}x{found.shape[1]} tiles, and the floor {tiles.shape[0]}x{tiles.shape[1]}; it "
-            "changes to one of the same size",
+            f"'{to}' has {found.shape[0]}x{found.shape[1]} tiles, and the floor {tiles.shape[0]}x{tiles.shape[1]}",
             field="change.to",
         )
     # A random floor is drawn in the order of tiles of the run's first floor, which would keep most tiles as they are.
@@ -215,45 +178,22 @@ def _tiles_of(to: str, rows: int, columns: int, seed: int, run: int) -> NDArray[
     Raises:
         InputError: it is neither a floor nor rows of tiles.
     """
-    if set(to) <= {*DIGITS, "/"}:
-        grid = to.split("/")
-        if len({len(row) for row in grid}) > 1:
-            raise InputError(f"the rows of '{to}' differ in length", field="change.to")
-        return as_tiles([[int(tile, 16) for tile in row] for row in grid])
-    try:
+    with named("change.to"):
+        if set(to) <= {*DIGITS, "/"}:
+            return as_tiles([[int(tile, 16) for tile in row] for row in to.split("/")])
         return named_tiles(to, rows, columns, seed, run)
-    except InputError as error:
-        raise InputError(f"{error.reason}{nearest(to, (INVERT, REDRAW, GROW))}", field="change.to") from None
 
 
 def change_words(change: Change) -> str:
     """Return a sentence on how the floor changes; empty if it does not."""
     if change.rate_per_h is not None:
-        shares = (
-            "as the floor is at first"
-            if change.shares is None
-            else ", ".join(number(s, digits=4) for s in change.shares)
-        )
-        return f"Each tile is redrawn {stated(change.rate_per_h)} times an hour on average (shares of kinds: {shares})."
-    words = {
-        INVERT: "it is inverted",
-        REDRAW: "its tiles move to random places",
-        GROW: "what vibrates grows by a tile",
-        **{to: f"{to} appears" for to in change.to or () if kind_of_name(to) == PATCHES},
-    }
-    steps = [f"{words.get(to, f'it becomes {to}')} at {stated(time_s)} s" for time_s, to in change.steps()]
+        return f"Each tile is redrawn {stated(change.rate_per_h)} times an hour on average."
+    steps = [f"{to} at {stated(time_s)} s" for time_s, to in change.steps()]
     return f"The floor changes: {', '.join(steps)}." if steps else ""
 
 
-def change_warnings(change: Change, t_end_s: float, is_final: bool) -> Iterator[str]:
-    """Yield warnings about valid but probably unintended changes: after the end, or under decisions that are final.
-
-    Args:
-        t_end_s: end of the run. is_final: whether robots keep their decisions.
-    """
-    late = [stated(time_s) for time_s in change.at_s or () if time_s >= t_end_s]
-    if late:
-        yield f"change.at_s: the run ends at {stated(t_end_s)} s, and the floor changes at {', '.join(late)} s"
+def change_warnings(change: Change, is_final: bool) -> Iterator[str]:
+    """Yield a warning about changes under decisions that are final (``is_final``)."""
     if change.is_given and is_final:
         yield (
             "the floor changes, and decisions are final; set decision.revise, with soft, forget, reset or fading "

@@ -8,13 +8,12 @@ docs/faults.md describes the model.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Any, Final
 
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from vibroswarm.core.frozen_model import FrozenModel
-from vibroswarm.core.numbers import count, number, stated
 from vibroswarm.errors import InputError, shown
 
 OF_TWO_KINDS: Final = (
@@ -25,8 +24,6 @@ OF_ANY_SENSOR: Final = ("misread_shift", "misread_drift_per_h")
 
 LATEST_S: Final = 1e9
 """Latest time at which a fault may begin, s."""
-MOST_ROBOTS: Final = 10_000
-"""Largest number of robots in a swarm."""
 
 Shift = Annotated[float, Field(ge=-1, le=1)]
 Drift = Annotated[float, Field(ge=-1000, le=1000)]
@@ -50,62 +47,28 @@ SINCE: Final = {
 
 
 def _affected(value: object, info: ValidationInfo) -> float | tuple[int, ...]:
-    """Check which robots a fault affects; return a share from 0 to 1, or the listed robot numbers in ascending order.
-
-    Raises:
-        InputError: the value is neither a share nor a list of robots, or a robot is listed twice.
-    """
-    field = f"faults.{info.field_name}"
+    # type() instead of isinstance(), because a bool is an int, too.
     if isinstance(value, list | tuple):
-        for number in value:
-            # type() instead of isinstance(), because a bool is an int, too.
-            if type(number) is not int or not 0 <= number < MOST_ROBOTS:
-                raise InputError(
-                    f"{shown(list(value))} is wrong: {shown(number)} is not a robot; robots have whole numbers from 0",
-                    field=field,
-                )
-        if len(set(value)) != len(value):
-            raise InputError(f"{shown(list(value))} lists a robot twice", field=field)
-        return tuple(sorted(value))
-    if isinstance(value, bool) or not isinstance(value, int | float) or not -math.inf < value < math.inf:
-        raise InputError(
-            f"{shown(value)} is neither a share of the swarm (0 to 1) nor a list of robots, such as [0, 3]",
-            field=field,
-        )
-    if value > 1:
-        raise InputError(
-            f"{shown(value)} is more than the whole swarm; give a share from 0 to 1, or a list such as [0, 3]",
-            field=field,
-        )
-    if value < 0:
-        raise InputError(f"{shown(value)} is below 0; give a share from 0 to 1", field=field)
-    return float(value) + 0.0  # turns -0.0 into 0.0, so that equal scenarios have the same hash
+        if all(type(robot) is int and robot >= 0 for robot in value) and len(set(value)) == len(value):
+            return tuple(sorted(value))
+    elif type(value) in (int, float) and 0 <= value <= 1:  # type: ignore[operator]
+        return float(value)  # type: ignore[arg-type]
+    raise InputError(
+        f"{shown(value)} is neither a share of the swarm (0 to 1) nor a list of robots, such as [0, 3]",
+        field=f"faults.{info.field_name}",
+    )
 
 
 def _since(value: object, info: ValidationInfo) -> float | tuple[float, ...]:
-    """Check when a fault begins; return a time in s, or a range to draw the time from: its earlier and its later end.
-
-    Raises:
-        InputError: the value is neither a time nor a range, or a time is out of bounds.
-    """
-    field = f"faults.{info.field_name}"
-    times: Sequence[object] = value if isinstance(value, list | tuple) else (value,)
-    for time_s in times:
-        if isinstance(time_s, bool) or not isinstance(time_s, int | float) or not 0 <= time_s <= LATEST_S:
-            raise InputError(
-                f"{shown(time_s)} is not a time from 0 to {LATEST_S:g} s; give one, or two, such as [600, 1200], "
-                "for a time drawn between them",
-                field=field,
-            )
-    # Adding 0.0 turns -0.0 into 0.0, so that equal scenarios have the same hash.
-    numbers = tuple(float(time_s) + 0.0 for time_s in times)  # type: ignore[arg-type]
-    if not isinstance(value, list | tuple):
-        return numbers[0]
-    if len(numbers) != 2 or numbers[0] > numbers[1]:
+    is_range = isinstance(value, list | tuple)
+    times: Sequence[Any] = value if is_range else (value,)  # type: ignore[assignment]
+    in_bounds = all(type(time_s) in (int, float) and 0 <= time_s <= LATEST_S for time_s in times)
+    if not in_bounds or list(times) != sorted(times) or len(times) != 1 + is_range:
         raise InputError(
-            f"{shown(list(value))} is not a range; give the earlier time, then the later", field=field
+            f"{shown(value)} is neither a time from 0 to {LATEST_S:g} s nor a range, such as [600, 1200]",
+            field=f"faults.{info.field_name}",
         )
-    return numbers
+    return tuple(map(float, times)) if is_range else float(times[0])
 
 
 Affected = Annotated[float | tuple[int, ...], BeforeValidator(_affected)]
@@ -198,64 +161,20 @@ def failing_sensors(faults: Faults, robots: int) -> list[str]:
 
 
 def check_faults(faults: Faults, robots: int) -> None:
-    """Refuse faults of robots that do not exist, and robots stuck at 0 and at 1 at once.
+    """Refuse faults of robots that do not exist, and sensors stuck at 0 and at 1 at once.
 
     Args:
         faults: each field is valid by itself. robots: number of robots.
     Raises:
         InputError: a listed robot does not exist or is stuck at 0 and at 1, or more robots are stuck than there are.
     """
-    for kind in FAULTS:
-        affected = getattr(faults, kind)
-        if not isinstance(affected, tuple):
-            continue
-        # The check of the last number refuses such a list too, but does not say that it is too long.
-        if len(affected) > robots:
-            raise InputError(f"lists {len(affected)} robots; the swarm has {robots}", field=f"faults.{kind}")
-        if affected and affected[-1] >= robots:  # the last is the greatest
-            raise InputError(
-                f"there is no robot {affected[-1]}; the numbers of robots are 0 to {robots - 1}",
-                field=f"faults.{kind}",
-            )
-    # Robots listed as stuck, at 0, at 1 and at ``stuck_class``.
-    at_0, at_1, at_class = (
-        set(value) if isinstance(value, tuple) else set()
-        for value in (faults.stuck_at_0, faults.stuck_at_1, faults.stuck)
-    )
-    if both := sorted(at_0 & at_1):
-        raise InputError(f"robot {both[0]} cannot be stuck at 0 and at 1", field="faults.stuck_at_0")
-    if both := sorted(at_class & (at_0 | at_1)):
-        raise InputError(f"robot {both[0]} is stuck at 0 or 1 already", field="faults.stuck")
-    counts = [count_of(value, robots) for value in (faults.stuck_at_0, faults.stuck_at_1)]
-    if sum(counts) > robots:
-        raise InputError(
-            f"{count(counts[0], 'robot')} stuck at 0 and {counts[1]} at 1 are more than {count(robots, 'robot')}",
-            field="faults.stuck_at_1",
-        )
-
-
-def fault_warnings(faults: Faults, robots: int, t_end_s: float) -> Iterator[str]:
-    """Yield warnings about valid but probably unintended faults.
-
-    They are shares that are not a whole number of robots, faults that begin after the run, which ends at ``t_end_s``,
-    and biased sensors whose shifts and drifts are all 0.
-    """
     for kind in faults.kinds:
         affected = getattr(faults, kind)
-        # Differences up to 1e-6 are rounding errors of the product.
-        if isinstance(affected, float) and abs(affected * robots - robots_of_share(affected, robots)) > 1e-6:
-            rounded = robots_of_share(affected, robots)
-            exactly, have = number(affected * robots, digits=4), "has" if rounded == 1 else "have"
-            yield (
-                f"faults.{kind}: {stated(affected)} of {count(robots, 'robot')} is {exactly}; "
-                f"{rounded or 'none'} of them {have} the fault"
+        if isinstance(affected, tuple) and affected[-1] >= robots:  # the last is the greatest
+            raise InputError(
+                f"there is no robot {affected[-1]}; robots are 0 to {robots - 1}", field=f"faults.{kind}"
             )
-        since = getattr(faults, SINCE[kind])
-        from_s = since if isinstance(since, float) else since[0]
-        if from_s >= t_end_s:
-            yield (
-                f"faults.{kind} has no effect: the run ends at {stated(t_end_s)} s, and the fault begins at "
-                f"{stated(from_s)} s (faults.{SINCE[kind]})"
-            )
-    if faults.biased and not any(getattr(faults, name) for name in (*OF_TWO_KINDS, *OF_ANY_SENSOR)):
-        yield "faults.biased has no effect: neither a shift nor a drift of the error rates is set"
+    at_0, at_1 = faults.stuck_at_0, faults.stuck_at_1
+    of_both = isinstance(at_0, tuple) and isinstance(at_1, tuple) and not set(at_0).isdisjoint(at_1)
+    if of_both or count_of(at_0, robots) + count_of(at_1, robots) > robots:
+        raise InputError("no robot can be stuck at 0 and at 1 at once", field="faults.stuck_at_0")

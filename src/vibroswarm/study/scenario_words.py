@@ -25,7 +25,7 @@ from vibroswarm.motion.robot_params import scenario_warnings
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.change_fields import change_warnings
-from vibroswarm.scenario.fault_fields import OF_ANY_SENSOR, OF_TWO_KINDS, SINCE, fault_warnings
+from vibroswarm.scenario.fault_fields import OF_ANY_SENSOR, OF_TWO_KINDS, SINCE
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_settings, preset, value_of
 from vibroswarm.strategies.place_map import WITH_MAP
@@ -347,10 +347,9 @@ def warnings_of(scenario: Scenario) -> list[str]:
     """Return the warnings about a scenario, without a full stop."""
     return [
         *scenario_warnings(scenario),
-        *fault_warnings(scenario.faults, scenario.swarm.robots, scenario.run.t_end_s),
         *_relay_warnings(scenario),
         *_map_warnings(scenario),
-        *change_warnings(scenario.change, scenario.run.t_end_s, _is_final(scenario)),
+        *change_warnings(scenario.change, _is_final(scenario)),
         *_anew_warnings(scenario),
         *claims_warnings(scenario),
     ]
