@@ -12,7 +12,6 @@ from .result import Result as Result
 from .run_page.write import write_run_page as write_run_page
 from .scenario.plugins import load_code as load_code
 from .scenario.scenario import Scenario as Scenario
-from .scenario.scenario import fields as fields
 from .scenario.scenario import preset as preset
 from .simulation import replay as replay
 from .simulation import simulate as simulate

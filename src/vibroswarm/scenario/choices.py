@@ -8,9 +8,7 @@ entry; the table of such an entry is a plain dictionary that is not validated.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Collection, Mapping
-from decimal import Decimal
+from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from typing import Annotated, Any, ClassVar
 
@@ -26,65 +24,28 @@ from vibroswarm.strategies.static_analysis import reads_places
 from vibroswarm.tasks import known as known_tasks
 
 
-def field_error(
-    error: ValidationError, suggest: Callable[[str], str], prefix: str = "", dotted: Collection[str] = ()
-) -> InputError:
+def field_error(error: ValidationError, suggest: Callable[[str], str], prefix: str = "") -> InputError:
     """Return an ``InputError``, in words for users, for the first of Pydantic's validation errors.
 
     Args:
         suggest: given an unknown field, returns text such as ", did you mean 'x'?". prefix: of the field's name.
-            dotted: names of fields that are unknown only as they were written in quotes, as "run.t_end_s".
     """
     first = error.errors(include_url=False)[0]
     name = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
-        if name in dotted:  # "run.t_end_s" = 60.0, which is right in [grid]
-            return InputError("is a key with a dot; in TOML, write it without quotes", field=prefix + name)
         return InputError(f"there is no such field{suggest(name)}", field=prefix + name)
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):  # raised by a check across fields, which has named the field already
         return cause
-    value, hint = first.get("input"), ""
-    if first["type"] == "literal_error" and isinstance(value, str):  # expected: "'a', 'b' or 'c'"
-        words = first["ctx"]["expected"].replace(" or ", ", ").split(", ")
-        hint = nearest(value, [word.strip("'") for word in words])
     message = first["msg"][0].lower() + first["msg"][1:]
-    if first["type"] == "tuple_type":
-        # Numbers of --set without brackets.
-        numbers = isinstance(value, str) and re.fullmatch(r"[-+.,eE\d\s]*\d", value)
-        example = (
-            f", such as [{value if numbers else shown(value)}]"
-            if isinstance(value, int | float | str)
-            else ""
-        )
-        message = f"give a list{example}"
-    if first["type"] in ("float_type", "int_type") and isinstance(value, str):
-        hint = _number_in(value, first["type"] == "int_type")
     # An error about the scenario as a whole names no field.
-    return InputError(f"{shown(value)} is wrong: {message}{hint}", field=prefix + name or "scenario")
+    return InputError(f"{shown(first.get('input'))} is wrong: {message}", field=prefix + name or "scenario")
 
 
 def _field_of(params: type[BaseModel], name: str) -> str:
     """Return text that suggests the parameter with the most similar name, or lists all."""
     fields = params.model_fields
     return nearest(name, fields) or (f" (known: {', '.join(fields)})" if fields else "")
-
-
-def _number_in(text: str, is_whole: bool) -> str:
-    """Return what to write instead of a number such as 95%, 0,95 or 20min; "" of other text.
-
-    A comma before three digits may separate thousands, so nothing is suggested. ``is_whole``: only integers will do.
-    """
-    written = re.fullmatch(r"([-+]?\d{1,15}(?:\.\d{1,15}|,(?!\d{3}\b)\d{1,15})?) ?(%|[a-zA-Z]*)", text)
-    if written is None:
-        return ""
-    number, unit = Decimal(written[1].replace(",", ".")), written[2]
-    if unit not in ("", "%"):
-        return "; write the number alone, in the unit of the field's name"
-    number = number / 100 if unit else number
-    if is_whole:
-        return "" if number % 1 else f"; write {int(number)}"
-    return f"; write {number}"
 
 
 @lru_cache(maxsize=256)
@@ -207,14 +168,10 @@ class Choice(FrozenModel):
         if name not in entries:
             if isinstance(table, Mapping) and (is_chosen or plugins.is_code_name(name)):
                 return dict(table)
-            # A parameter may have been given without its table, such as strategy.eta: suggest strategy.soft.eta. Names
-            # without table are compared, because they are what the user wrote; then the full name replaces the match.
-            fields = [
-                f"{entry}.{field}" for entry, known in entries.items() for field in known.params.model_fields
-            ]
-            full_names = {own: f"{cls.kind}.{own}" for own in cls._own_fields()}
-            for field in fields:  # of several entries with such a field, the first
-                full_names.setdefault(field.rpartition(".")[2], f"{cls.kind}.{field}")
+            # A parameter may have been given without its table, such as strategy.eta: suggest strategy.soft.eta.
+            full_names = {
+                field.rpartition(".")[2]: f"{cls.kind}.{field}" for field in reversed(cls.field_names())
+            }
             close = nearest(name, [*entries, *full_names])
             for last, right in full_names.items():
                 close = close.replace(f"'{last}'", f"'{right}'")

@@ -1,11 +1,7 @@
-"""Scenarios: frozen, validated and hashable, read from and written as TOML; and the names of their fields.
+"""Scenarios: frozen, validated and hashable, read from and written as TOML.
 
 A scenario consists of the sections of the module ``fields``. Every default is what the paper's simulations really did
 (preset ``paper``), so a scenario file need only give what differs.
-
-The object ``fields`` has an attribute for each field, which interactive sessions complete: the value of
-``vibroswarm.fields.swarm.robots`` is "swarm.robots". It can be used wherever a dotted name is expected:
-``scenario.with_values({fields.swarm.robots: 8})``.
 """
 
 from __future__ import annotations
@@ -20,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Self
 
 from pydantic import BaseModel, ValidationError, model_validator
 
@@ -84,31 +80,8 @@ class Scenario(Sections, NotebookView):
             InputError: there is no such field, or a value is wrong.
         """
         check_kind(values, (Mapping, Scenario), "scenario", "sections by name")
-        return cls.model_validate(plain_value(dict(values)))
-
-    @classmethod
-    def model_validate(cls, obj: Any, **how: Any) -> Self:
-        """Build a scenario by Pydantic, whose error becomes that of ``from_values``.
-
-        Args:
-            obj: as of ``from_values``. how: further arguments of Pydantic's method.
-        Raises:
-            InputError: there is no such field, or a value is wrong.
-        """
         with _as_input_error():
-            return super().model_validate(obj, **how)
-
-    @classmethod
-    def model_validate_json(cls, json_data: str | bytes | bytearray, **how: Any) -> Self:
-        """Build a scenario from JSON by Pydantic, whose error becomes that of ``from_values``.
-
-        Args:
-            json_data: sections by name. how: further arguments of Pydantic's method.
-        Raises:
-            InputError: the text is not JSON, there is no such field, or a value is wrong.
-        """
-        with _as_input_error():
-            return super().model_validate_json(json_data, **how)
+            return cls.model_validate(plain_value(dict(values)))
 
     @classmethod
     def from_toml(cls, text: str, *, name: str = "scenario", folder: str | Path | None = None) -> Scenario:
@@ -202,7 +175,6 @@ class Scenario(Sections, NotebookView):
             exclude_none=True,
         )
         for name, value in values.items():
-            check_kind(name, str, "values", "the dotted name of a field")
             section, _, field = name.partition(".")
             if name in data:
                 raise _is_section(name)
@@ -256,10 +228,6 @@ class Scenario(Sections, NotebookView):
     def __getitem__(self, name: str) -> Any:
         """Return the value of a field, by its dotted name: ``scenario["walk.leg_min_ms"]``."""
         return value_of(self, name)
-
-    def _ipython_key_completions_(self) -> list[str]:
-        """Return the names that a notebook offers after ``scenario["``: those of all fields."""
-        return field_names()
 
     def floor_for(self, seed: int, run: int) -> Floor:
         """Return the floor of ``run``: a fixed floor, or the random floor of (seed, run), with its changes.
@@ -320,7 +288,7 @@ def _as_input_error() -> Iterator[None]:
     try:
         yield
     except ValidationError as error:
-        raise field_error(error, nearest_field, dotted=field_names()) from None
+        raise field_error(error, nearest_field) from None
 
 
 def _unpickled(text: str, files: tuple[tuple[str, str], ...]) -> Scenario:
@@ -372,7 +340,6 @@ def value_of(scenario: Scenario, name: str) -> Any:
     Raises:
         InputError: there is no such field.
     """
-    check_kind(name, str, "field", "the dotted name of a field")
     section, _, field = name.partition(".")
     node = getattr(scenario, section, None)
     table, separator, last = field.partition(".")
@@ -569,47 +536,3 @@ def nearest_field(name: str, also: Iterable[str] = ()) -> str:
     ]
     sections = [section for section in Scenario.model_fields if section != name]
     return nearest(name, same, cutoff=0.0) or nearest(name, [*known, *sections])
-
-
-class FieldNames:
-    """Names of the fields of a section as attributes: the value is the dotted name, or ``FieldNames`` of a table.
-
-    Args:
-        section: dotted name of a section or table; empty: all sections.
-    """
-
-    __slots__ = ("_section",)
-
-    def __init__(self, section: str = "") -> None:
-        self._section = section
-
-    def _below(self) -> list[str]:
-        """Return the dotted names of the fields of this section, relative to it."""
-        start = f"{self._section}." if self._section else ""
-        return [name.removeprefix(start) for name in field_names() if name.startswith(start)]
-
-    def __dir__(self) -> list[str]:
-        """Return the attributes that a session may complete, each once."""
-        return list(dict.fromkeys(name.partition(".")[0] for name in self._below()))
-
-    def __getattr__(self, name: str) -> Any:
-        """Return the full dotted name of a field, or the ``FieldNames`` of a section or table.
-
-        Type checkers take either for Any: which one it is depends on the name.
-
-        Raises:
-            AttributeError: there is no field, section or table of that name; the nearest name is suggested.
-        """
-        if name.startswith("_"):  # looked up by Python's own tools, such as pickle before there is a section
-            raise AttributeError(name)
-        below = self._below()
-        full = f"{self._section}.{name}" if self._section else name
-        if name in below:
-            return full
-        if any(known.startswith(f"{name}.") for known in below):
-            return FieldNames(full)
-        raise AttributeError(f"there is no field {full!r}{nearest(name, dir(self))}")
-
-
-fields: Final = FieldNames()
-"""All fields of a scenario: ``fields.walk.leg_min_ms`` is "walk.leg_min_ms"."""
