@@ -275,7 +275,7 @@ def test_gradients_and_hills_are_as_their_formula() -> None:
         ({"floor.values": [[0.5], [0.5, 1.0]]}, "rectangle"),
         ({"floor.values": [[0.5]], "floor.tiles": ["1"]}, "either tiles or values"),
         ({"floor.source": "field:2", "sensor.model": "confusion"}, "need a sensor of strengths"),
-        ({"floor.source": "field:2", "sensor.edge_blur_m": 0.01}, "sensor.edge_blur_m: edges are those of kinds"),
+        ({"floor.source": "field:2", "sensor.edge_blur_m": 0.01}, "sensor.edge_blur_m: has no meaning"),
         ({"floor.source": "patch:0.1", "sensor.model": "acceleration"}, "need a sensor of strengths"),
     ],
 )  # fmt: skip

@@ -30,11 +30,12 @@ from pydantic import Field, field_validator, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import DIGITS, KINDS_IN_WORDS, TILE_LIMIT, Floor, as_tiles
+from vibroswarm.errors import InputError, named
+from vibroswarm.floors.floor import DIGITS, Floor, as_tiles
 from vibroswarm.floors.source import is_redrawn, named_tiles, surface_of
 from vibroswarm.floors.surfaces import (
     PLAIN,
+    VALUES,
     Surface,
     kind_of_name,
     kinds_of,
@@ -91,6 +92,8 @@ ValueRow = Annotated[
     tuple[Annotated[float, Field(ge=0, le=1)], ...], Field(min_length=1, max_length=2000, strict=False)
 ]
 """Values of a row of tiles."""
+TileRow = Annotated[str, Field(pattern="^[0-9a-f]+$")]
+"""Kinds of a row of tiles."""
 
 
 def rows_as_text(rows: Any) -> Any:
@@ -114,7 +117,7 @@ class FloorField(FrozenModel):
     """Rows of a random floor, and of ``gradient``, ``hill`` and ``field``."""
     columns: Annotated[int, Field(ge=1, le=2000)] = 5
     """Columns, likewise."""
-    tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
+    tiles: Annotated[tuple[TileRow, ...], Field(min_length=1, strict=False)] | None = None
     """The floor itself, one string of 0 and 1 per row, top row first (other kinds: 2 to 9 and a to f), or rows of
     numbers; it takes precedence over ``source``."""
     values: Annotated[tuple[ValueRow, ...], Field(min_length=1, strict=False)] | None = None
@@ -168,6 +171,11 @@ class FloorField(FrozenModel):
         """Whether the floor has values of tiles, or patches."""
         return self.values is not None or (self.tiles is None and bool(kind_of_name(self.source)))
 
+    @property
+    def has_values(self) -> bool:
+        """Whether tiles have values in place of kinds."""
+        return self.values is not None or (self.tiles is None and kind_of_name(self.source) in VALUES)
+
     def placed_in(self, arena: Arena, seed: int, run: int) -> Floor:
         """Return the floor of ``run`` in an arena: a fixed floor, or the random floor of (seed, run).
 
@@ -206,16 +214,8 @@ class FloorField(FrozenModel):
                 raise InputError("give either tiles or values", field="floor.values")
             return kinds_of(steps_of(self.values)), self.source
         if self.tiles is not None:
-            if sum(map(len, self.tiles)) > TILE_LIMIT:
-                raise InputError(f"is too large; at most {TILE_LIMIT:,} tiles", field="floor.tiles")
-            if len({len(row) for row in self.tiles}) > 1:
-                raise InputError("the rows differ in length; give rows of equal length", field="floor.tiles")
-            if set("".join(self.tiles)) - set(DIGITS):
-                raise InputError(
-                    f"a row has other characters than 0 to 9 and a to f; {KINDS_IN_WORDS}",
-                    field="floor.tiles",
-                )
-            return as_tiles([[int(tile, 16) for tile in row] for row in self.tiles]), self.source
+            with named("floor.tiles"):
+                return as_tiles([[int(tile, 16) for tile in row] for row in self.tiles]), self.source
         return named_tiles(self.source, self.rows, self.columns, seed, run), self.source
 
 

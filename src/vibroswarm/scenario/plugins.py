@@ -280,13 +280,8 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
     found: Any = vars(module).get(name)
     found_kind = kind_of(found)
     if found_kind is None or kind not in (None, found_kind):
-        # The error lists the names of all objects of the required kind in the file.
-        classes = (
-            tuple(kind_info.declared for kind_info in KINDS.values())
-            if kind is None
-            else KINDS[kind].declared
-        )
-        names = [defined for defined, value in vars(module).items() if isinstance(value, classes)]
+        wanted = KINDS if kind is None else (kind,)
+        names = [defined for defined, value in vars(module).items() if kind_of(value) in wanted]
         problem = (
             f"is not a {kind or ', '.join(KINDS)}"
             if name in vars(module)
@@ -415,27 +410,16 @@ def _module(name: str, text: str, file: str) -> ModuleType:
         del sys.modules[name]
         if isinstance(error, InputError) and str(error).startswith(f"{file}, line "):
             raise error from None  # of ``check_function``, which names the line of the function
-        raise InputError(f"{_reason(error, file)}{_line_of(error, file)}", field=file) from None
+        raise InputError(_reason(error, file), field=file) from None
     return module
 
 
 def _reason(error: BaseException, file: str) -> str:
-    """Return why a file cannot be loaded, from the error that its code raised."""
-    if isinstance(error, InputError):
-        return str(error)
+    """Return why a file cannot be loaded and the line, from the error that its code raised."""
     if isinstance(error, SyntaxError) and error.filename == file:
-        return f"cannot be loaded: SyntaxError: {error.msg}"  # without the line, which follows
-    if isinstance(error, ModuleNotFoundError) or "relative import" in str(error):
-        return (
-            f"cannot be loaded: {error}; a file imports installed packages only, no file beside it (results keep a "
-            "copy of one file): move that code into this file, or install it"
-        )
-    return f"cannot be loaded: {type(error).__name__}: {error}"
-
-
-def _line_of(error: BaseException, file: str) -> str:
-    """Return the line of ``file`` that raised an error, or whose call did, as `` (line 12)``; "" if none did."""
-    if isinstance(error, SyntaxError) and error.filename == file:
-        return f" (line {error.lineno})"
+        return f"cannot be loaded: SyntaxError: {error.msg} (line {error.lineno})"
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
-    return f" (line {lines[-1]})" if lines else ""
+    reason = (
+        str(error) if isinstance(error, InputError) else f"cannot be loaded: {type(error).__name__}: {error}"
+    )
+    return f"{reason} (line {lines[-1]})" if lines else reason

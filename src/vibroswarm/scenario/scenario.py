@@ -178,21 +178,22 @@ class Scenario(Sections, NotebookView):
             section, _, field = name.partition(".")
             if name in data:
                 raise _is_section(name)
-            if not field or not isinstance(data.get(section), dict):
-                raise InputError(f"there is no such field{nearest_field(name)}", field=name)
             value = plain_value(value)
             *tables, last = field.split(".")
-            parent = data[section]
+            parent = data.get(section)
             for table in tables:
                 # The scenario may have no table of parameters of this strategy yet. If there is no such strategy,
                 # ``from_values`` refuses the table.
-                parent = parent.setdefault(table, {})
-                if not isinstance(parent, dict):
-                    raise InputError(f"there is no such field{nearest_field(name)}", field=name)
+                parent = parent.setdefault(table, {}) if isinstance(parent, dict) else None
+            is_of_code = bool(tables) and plugins.is_code_name(tables[0])  # whose fields are not known
+            is_known = name in field_names() or is_of_code
+            if (
+                not last
+                or not isinstance(parent, dict)
+                or (value is None and last not in parent and not is_known)
+            ):
+                raise InputError(f"there is no such field{nearest_field(name)}", field=name)
             if value is None:
-                is_of_code = bool(tables) and plugins.is_code_name(tables[0])  # whose fields are not known
-                if last not in parent and name not in _names_in(section) and not is_of_code:
-                    raise InputError(f"there is no such field{nearest_field(name)}", field=name)
                 parent.pop(last, None)
             elif type(value) is int and isinstance(parent.get(last), float) and abs(value) <= 2**53:
                 # A field whose value is a float takes integers as floats, so that 2 and 2.0 give the same scenario.

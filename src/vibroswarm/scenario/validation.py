@@ -164,17 +164,11 @@ def _own_check(part: Plugin, check: Callable[..., object] | None, *arguments: ob
     """Call the check that a strategy, network, task or sensor has of its own, which refuses by an ``InputError``.
 
     Raises:
-        InputError: it refuses, or returns something. CodeError: it raised another error.
+        InputError: it refuses. CodeError: it raised another error.
     """
-    if check is None:
-        return
-    with errors_in(part.code):
-        answer = check(*arguments)
-    if answer is not None:
-        raise InputError(
-            f"returned {shown(answer)}; raise InputError to refuse, else return nothing",
-            field=f"{part.name}.check",
-        )
+    if check is not None:
+        with errors_in(part.code):
+            check(*arguments)
 
 
 def _check_sensor(s: Sections) -> None:
@@ -189,7 +183,9 @@ def _check_sensor(s: Sections) -> None:
             raise InputError(f"give {sensor.kinds} rows, one for each kind of tile", field=field)
         check_rates(sensor.claimed_rates, sensor.readings, field)
     for field in _options_without_law(s):
-        raise InputError(f"has no meaning for the sensor '{sensor.model}'; leave it out", field=field)
+        raise InputError(
+            f"has no meaning for the sensor '{sensor.model}' on this floor; leave it out", field=field
+        )
 
 
 def _options_without_law(s: Sections) -> list[str]:
@@ -199,19 +195,15 @@ def _options_without_law(s: Sections) -> list[str]:
     fields: list[str] = []
     if not model.scales:
         fields += [f"sensor.{name}" for name in ("tile_spread", "robot_spread") if getattr(sensor, name)]
+    if model.sense is not None or not is_of_two or s.floor.has_values:
+        fields += [
+            f"sensor.{name}" for name in ("edge_reach_m", "edge_blur_m") if getattr(sensor, name) is not None
+        ]
     if model.sense is not None or not is_of_two:
-        fields += _edge_options(s)
         fields += [f"faults.{name}" for name in OF_TWO_KINDS if s.faults.biased and getattr(s.faults, name)]
     if not is_of_two and s.decision.boundary_of == "tiles":
         fields.append("decision.boundary_of")
     return fields
-
-
-def _edge_options(s: Sections) -> list[str]:
-    """Return the fields that are set of those on edges between kinds of tile."""
-    return [
-        f"sensor.{name}" for name in ("edge_reach_m", "edge_blur_m") if getattr(s.sensor, name) is not None
-    ]
 
 
 def _check_kinds(s: Sections) -> None:
@@ -276,16 +268,15 @@ def _check_task(s: Sections, task: Task) -> None:
 
 
 def _check_surface(s: Sections) -> None:
-    """Refuse values of tiles and patches without a sensor of strengths of two kinds, and edges beside values."""
-    surface, sensor, model = s.floor.placed_in(s.arena, 0, 0).surface, s.sensor, s.sensor.entry
+    """Refuse values of tiles and patches, if they are wrong or without a sensor of strengths of two kinds."""
+    s.floor.placed_in(s.arena, 0, 0)
+    sensor, model = s.sensor, s.sensor.entry
     if model.sense is not None or max(sensor.kinds, sensor.readings) > 2 or not model.scales:
         raise InputError(
             f"patches and values of tiles need a sensor of strengths (scales=True) with two kinds of tile, such as "
             f"gamma, and '{sensor.model}' is none",
             field="sensor.model",
         )
-    if surface.values is not None and (fields := _edge_options(s)):
-        raise InputError("edges are those of kinds of tile, and this floor has values", field=fields[0])
 
 
 def _check_asks_for_change(s: Sections) -> None:
@@ -317,12 +308,11 @@ def is_neutral_at_half_only(s: Sections) -> bool:
 
 
 def _check_boundary(s: Sections) -> None:
-    """Refuse a boundary that the strategy cannot test, and error rates at which readings carry no information.
+    """Refuse a boundary that the strategy cannot test.
 
-    With ``boundary_of = "tiles"``, ``readings_boundary`` makes these checks for the boundary and the rates that result.
+    With ``boundary_of = "tiles"``, ``readings_boundary`` makes this check for the boundary that results.
     """
     decision = s.decision
-    positive, negative = decision.assumed_false_positive, decision.assumed_false_negative
     # At face value the share of ones itself is compared with decision_boundary, without allowing for error rates.
     at_face_value = decision.boundary_of == "readings"
     if is_neutral_at_half_only(s) and at_face_value and decision.decision_boundary != 0.5:
@@ -330,11 +320,6 @@ def _check_boundary(s: Sections) -> None:
             f"'{s.strategy.name}' is neutral at a boundary of 0.5 only, and decision.decision_boundary is "
             f"{decision.decision_boundary:g}; choose another strategy",
             field="strategy.name",
-        )
-    if positive is not None and negative is not None and positive + negative >= 1.0:
-        raise InputError(
-            f"{positive:g} and assumed_false_negative {negative:g} must sum to less than 1",
-            field="decision.assumed_false_positive",
         )
 
 
@@ -386,7 +371,7 @@ def _check_faults(s: Sections) -> None:
             f"the sensor '{s.sensor.model}' reads classes from 0 to {s.sensor.readings - 1}",
             field="faults.stuck_class",
         )
-    known: Strategy | None = s.strategy.entry
+    known = s.strategy.entry
     if s.faults.opposite and known is not None and not known.has_opposite:
         raise InputError(
             f"messages of '{s.strategy.name}' have no opposite: no field bit or kind, and no function opposite",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
-from functools import cache
 from importlib.resources import files
 from itertools import takewhile
 
@@ -35,9 +33,6 @@ def comment_of(name: str) -> str:
     return "".join(takewhile(lambda line: line.startswith("#"), preset_text(name).splitlines(keepends=True)))
 
 
-@cache
 def describe(name: str) -> str:
     """Return a one-line description of a preset, one of ``preset_names``: the first line of its file, a comment."""
-    text = (files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
-    tomllib.loads(text)  # only to raise an error for a file that is not valid TOML and so is no preset
-    return text.splitlines()[0].removeprefix("# ")
+    return preset_text(name).splitlines()[0].removeprefix("# ")
