@@ -53,10 +53,12 @@ def test_a_run_that_ends_early_has_the_places_of_the_whole_run() -> None:
 def test_robots_that_are_steered_by_their_places_are_where_tables_have_them() -> None:
     """What steered them is what the same moves give at once; of other errors of the gyro they steer elsewhere."""
     loop, result = followed(EXPLORE, SEED)
-    count = int(loop.bounds[1])
+    count = loop.samples
     assert result.places is not None
     assert count == result.places.height > 100
-    assert_frame_equal(place_frame(result.motion, loop.estimates[:count]), result.places, check_exact=True)
+    assert_frame_equal(
+        place_frame(result.motion, loop.readings.estimates[:count]), result.places, check_exact=True
+    )
     assert reads_as_tables(loop, result)
     other = simulate(EXPLORE.with_values({"odometry.level": "good"}), SEED, 1)
     assert not other.motion["x_m"].head(count).equals(result.motion["x_m"].head(count))

@@ -160,7 +160,7 @@ def test_a_run_that_ends_with_the_last_decision_is_one_whole(engine: str) -> Non
             ("moves", "moves"),
         ):
             assert getattr(result, name).filter(run=run).equals(getattr(whole, table)), name
-        assert 200.0 < end_s < 700.0
+        assert end_s > 200.0
 
 
 def test_how_far_runs_are_moved_first_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:

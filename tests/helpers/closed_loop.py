@@ -27,6 +27,6 @@ def followed(scenario: Scenario, seed: int) -> tuple[ClosedLoop, Result]:
 
 def reads_as_tables(loop: ClosedLoop, result: Result) -> bool:
     """Whether each sample was read and each robot decided as tables have it."""
-    read, decided = loop.readings.observation[: int(loop.bounds[1])], loop.replayer.swarm.agents["decision"]
+    read, decided = loop.readings.observation[: loop.samples], loop.replayer.swarm.agents["decision"]
     tables = result.observations["observation"].to_numpy(), result.robots["decision"].to_numpy()
     return read.size > 20 and np.array_equal(read, tables[0]) and np.array_equal(decided, tables[1])

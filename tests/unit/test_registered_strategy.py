@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from vibroswarm import Result, Scenario, simulate, strategies, verdict
 from vibroswarm.documents.run import result_document
 from vibroswarm.strategies import Strategy
+from vibroswarm.study.registered_code import registered_code
 
 
 class One:
@@ -108,3 +110,25 @@ def test_an_estimate_of_its_own_comes_before_the_mean_of_a_posterior() -> None:
 
 def test_robots_without_any_count_have_no_estimate() -> None:
     assert verdict(run_of("counted", t_end_s=0.1)).robots[0].estimate is None
+
+
+def test_runs_of_registered_code_are_not_continued_after_a_change_of_its_source(tmp_path: Path) -> None:
+    """The source of a function that a hook names counts, and a number that it reads; another file's text does not."""
+    hashes = []
+    for k, (step, body) in enumerate((("1", "STEP"), ("1", "STEP"), ("2", "STEP"), ("1", "2 * STEP"))):
+        text = f"STEP = {step}\ndef added():\n    return {body}\n"
+        text += "def on_sample(s, a, x, out, d, p, w):\n    s.alpha += added()\n    return False\n"
+        file = tmp_path / f"program_{k}.py"
+        file.write_text(text, encoding="utf-8")
+        space: dict[str, Any] = {"__name__": "program"}
+        exec(compile(text, str(file), "exec"), space)  # noqa: S102
+        declared = Strategy(
+            name="of_program", state=One, begin=begin, on_sample=space["on_sample"], belief=belief, **HOOKS
+        )
+        strategies.register(declared)
+        hashes.append(
+            registered_code([Scenario().with_values({"strategy.name": "of_program"})])["strategy of_program"]
+        )
+        strategies.base.forget("of_program")
+    assert hashes[0] == hashes[1]
+    assert len(set(hashes)) == 3

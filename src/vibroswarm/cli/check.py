@@ -31,7 +31,7 @@ def check(
 ) -> int:
     """Check a strategy, network, task, sensor, motion source or method of search.
 
-    It must compile, repeat (also in another process), give the same results in pieces and in plain Python, and return
+    It must compile, repeat (also in another process), give the same results in plain Python, and return
     what it should. Its kind is detected. The exit code is 1 if a check fails; one that only warns does not count as
     failed.
 

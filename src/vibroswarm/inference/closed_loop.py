@@ -6,13 +6,12 @@ which robots have decided, and where a strategy wants to steer them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import entry_for, kernel, read_only, signed
+from vibroswarm.core.jit import kernel, read_only, signed
 from vibroswarm.inference.replay_arrays import Readings, Rows, Stops
 from vibroswarm.inference.replayer import NO_VALUES, Replayer
 from vibroswarm.inference.sender_positions import NO_TRACKS, tracks_of_rows
@@ -106,56 +105,50 @@ class ClosedLoop:
         Args:
             seed: seed of the runs.
         """
-        robots = scenario.swarm.robots
+        robots, capacity = scenario.swarm.robots, max_samples(scenario)
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
         self.localisation = OnlineLocalisation(scenario, seed) if is_estimated(scenario) else None
-        self.is_sensed = is_sensed(scenario.sensor)
-        self.entry: Callable[..., int] | None = None  # compiled ``record_samples``; see ``add_samples``
-        # bounds: 0 and the number of samples in the buffer, so that all its samples are those of one run (``Rows``).
-        # runs: the number of the run. walked_tick, known_tick: as in ``Stops``; see ``catch_up``.
-        self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
-        self.walked_tick, self.known_tick = np.zeros(robots, dtype=np.int64), np.zeros(1, dtype=np.int64)
-        capacity = max_samples(scenario)
-        self.estimates = np.zeros((capacity if self.localisation else 0, len(ESTIMATE)))
-        self.weighed = np.zeros((capacity if reads_energies(scenario) else 0, 2))
+        self.is_sensed, self.is_weighed = is_sensed(scenario.sensor), reads_energies(scenario)
         self.replayer = Replayer(scenario, self.seed, runs=1, longest=capacity, rows=capacity)
         # needs_moves: whether network or localisation read the moves, so that ``add_moves`` must be called before
         # ``catch_up``.
         self.needs_moves = self.replayer.reads_positions or self.localisation is not None
-        rows = Rows(
-            bounds=self.bounds,
-            runs=self.runs,
-            robot=np.empty(capacity, dtype=np.uint16),
-            sample=np.empty(capacity, dtype=np.uint32),
-            time_s=np.empty(capacity),
-        )
-        stops = Stops(
-            tick=np.empty(capacity, dtype=np.int64),
-            stop_tick=np.empty(capacity, dtype=np.int64),
-            following=np.empty(capacity, dtype=np.int32),
-            first=np.empty(robots, dtype=np.int32),
-            walked_tick=self.walked_tick,
-            known_tick=self.known_tick,
-        )
-        readings = Readings(
-            observation=np.empty(capacity, dtype=np.uint8),
-            x_m=np.empty(capacity),
-            y_m=np.empty(capacity),
-            heading_rad=np.empty(capacity),
-            uniforms=NO_VALUES,  # the kernel computes the numbers when it needs them
-            estimates=self.estimates,
-            weighed=self.weighed,
-        )
         # ``begin`` sets the arrays with an entry per robot, and ``record_samples`` the rows of the others.
         self.buffer = SampleBuffer(
-            rows,
-            stops,
-            readings,
+            rows=Rows(
+                bounds=np.zeros(2, dtype=np.int64),  # 0 and the number of samples in the buffer
+                runs=np.zeros(1, dtype=np.int64),  # the number of the run
+                robot=np.empty(capacity, dtype=np.uint16),
+                sample=np.empty(capacity, dtype=np.uint32),
+                time_s=np.empty(capacity),
+            ),
+            stops=Stops(
+                tick=np.empty(capacity, dtype=np.int64),
+                stop_tick=np.empty(capacity, dtype=np.int64),
+                following=np.empty(capacity, dtype=np.int32),
+                first=np.empty(robots, dtype=np.int32),
+                walked_tick=np.zeros(robots, dtype=np.int64),
+                known_tick=np.zeros(1, dtype=np.int64),
+            ),
+            readings=Readings(
+                observation=np.empty(capacity, dtype=np.uint8),
+                x_m=np.empty(capacity),
+                y_m=np.empty(capacity),
+                heading_rad=np.empty(capacity),
+                uniforms=NO_VALUES,  # the kernel computes the numbers when it needs them
+                estimates=np.zeros((capacity if self.localisation else 0, len(ESTIMATE))),
+                weighed=np.zeros((capacity if self.is_weighed else 0, 2)),
+            ),
             latest=np.empty(robots, dtype=np.int32),
         )
-        self.rows = Rows(*(read_only(column) for column in rows))
-        self.stops = Stops(*(read_only(column) for column in stops))
-        self.readings = Readings(*(read_only(column) for column in readings))
+        self.rows = Rows(*map(read_only, self.buffer.rows))
+        self.stops = Stops(*map(read_only, self.buffer.stops))
+        self.readings = Readings(*map(read_only, self.buffer.readings))
+
+    @property
+    def samples(self) -> int:
+        """Number of samples so far."""
+        return int(self.rows.bounds[1])
 
     def begin(self, run: int, ground: Ground) -> None:
         """Set the state to the start of a run.
@@ -163,14 +156,12 @@ class ClosedLoop:
         Args:
             run: number of the run. ground: its floor and sensors.
         """
-        self.ground, self.run, self.runs[0], self.bounds[1] = ground, run, run, 0
-        self.buffer.latest[:], self.buffer.stops.first[:] = -1, -1
-        self.walked_tick[:], self.known_tick[0] = 0, 0
+        rows, stops = self.buffer.rows, self.buffer.stops
+        self.ground, self.run, rows.runs[0], rows.bounds[1] = ground, run, run, 0
+        self.buffer.latest[:], stops.first[:], stops.walked_tick[:], stops.known_tick[0] = -1, -1, 0, 0
         self.moves: list[NDArray[np.void]] = []
-        self.tracks = NO_TRACKS
-        # is_new: whether the next ``catch_up`` replays the run from its start: in a new run.
-        # located: number of samples that ``catch_up`` has handled.
-        self.is_new, self.located = True, 0
+        # caught_up: number of samples that ``catch_up`` has handled; -1: none, and the run begins.
+        self.tracks, self.caught_up = NO_TRACKS, -1
         if self.localisation is not None:
             self.localisation.begin(run)
 
@@ -187,76 +178,58 @@ class ClosedLoop:
 
     def add_samples(self, rows: NDArray[np.void]) -> None:
         """Append new samples (``motion.recorder.SAMPLE_ROW``) with their readings to the buffer."""
-        needed = int(self.bounds[1]) + rows.size
-        if len(self.ground.stages) == 1:  # the floor does not change
-            self._record(self.ground.stages[0], rows)
-        else:
-            for ground, part in self.ground.parts(rows["tick"] * self.tick_ms / 1000.0):
-                self._record(ground, rows[part])
-        if self.is_sensed:
-            self._sense(slice(needed - rows.size, needed))
+        for ground, part in self.ground.parts(rows["tick"] * self.tick_ms / 1000.0) if rows.size else ():
+            before = self.samples
+            self.buffer.rows.bounds[1] = record_samples(
+                rows[part], ground, self.buffer, before, self.seed, self.run, self.tick_ms
+            )
+            if self.is_sensed or self.is_weighed:
+                self._measure(ground, slice(before, self.samples))
 
-    def _record(self, ground: SensedFloor, rows: NDArray[np.void]) -> None:
-        arguments = (rows, ground, self.buffer, int(self.bounds[1]), self.seed, self.run, self.tick_ms)
-        if self.entry is None:  # the compiled function for these types, which is faster to call
-            self.entry = entry_for(record_samples, *arguments)
-        self.bounds[1] = self.entry(*arguments)
+    def _measure(self, ground: SensedFloor, new: slice) -> None:
+        """Write the readings of a sensor that depends on the place, and values with their log likelihood ratios."""
+        sensor, observation = self.scenario.sensor, self.buffer.readings.observation[new]
+        robot, sample, time_s = self.rows.robot[new], self.rows.sample[new], self.rows.time_s[new]
+        address = (self.seed, self.run, robot, sample, self.readings.x_m[new], self.readings.y_m[new], time_s)
+        if self.is_sensed:
+            observation[:] = readings_of(sensor, values_at(sensor, ground.tiles, ground.place, *address))
+            first = np.zeros(observation.size, dtype=np.int64)  # ``ground`` holds a single run
+            apply_faults(
+                ground.faults,
+                first,
+                robot,
+                sample,
+                time_s,
+                sensor.readings,
+                self.seed,
+                self.rows.runs,
+                observation,
+            )
+        if self.is_weighed:
+            energy = energies_at(self.scenario, ground, *address)
+            self.buffer.readings.weighed[new] = weighed(sensor, observation, energy, ground.place)
 
     def catch_up(self, known_tick: int, stop_tick: NDArray[np.int64]) -> None:
-        """Replay the samples that were added since the last call, after computing what their readings need.
+        """Replay the samples that were added since the last call, after computing where robots believe they are.
 
         Args:
             known_tick: motion is known up to this tick, exclusive.
             stop_tick: (robots,): tick since which each robot stands; -1: it walks.
         """
-        self.known_tick[0] = known_tick
+        self.buffer.stops.known_tick[0] = known_tick
         # Last tick at which each robot walked: before its stop or, if it does not stand, the last known tick.
-        self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
-        new = slice(self.located, int(self.bounds[1]))  # rows of the new samples
-        if self.weighed.size > 0:
-            self._weigh_energies(new)
+        self.buffer.stops.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
         if self.localisation is not None:
+            new = slice(max(self.caught_up, 0), self.samples)
             self.localisation.locate(
                 self.rows.robot[new],
                 self.stops.stop_tick[new],
                 self.rows.time_s[new],
-                self.estimates[new],
+                self.buffer.readings.estimates[new],
             )
-        self.located = new.stop
         if self.replayer.reads_positions:
-            robots = self.walked_tick.size
-            self.tracks = tracks_of_rows(np.concatenate(self.moves), robots)
+            self.tracks = tracks_of_rows(np.concatenate(self.moves), stop_tick.size)
         self.replayer.advance(
-            self.rows, self.readings, self.stops, from_start=self.is_new, tracks=self.tracks
+            self.rows, self.readings, self.stops, from_start=self.caught_up < 0, tracks=self.tracks
         )
-        self.is_new = False
-
-    def _parts(self, new: slice) -> Iterator[tuple[SensedFloor, slice, list[NDArray[Any]]]]:
-        """Yield each stage of the floor in the rows ``new``: its part of them, and robot, sample, x, y, time there."""
-        rows, readings = self.rows, self.readings
-        columns: tuple[NDArray[Any], ...] = (
-            rows.robot, rows.sample, readings.x_m, readings.y_m, rows.time_s
-        )  # fmt: skip
-        for ground, part in self.ground.parts(rows.time_s[new]):
-            yield ground, part, [column[new][part] for column in columns]
-
-    def _weigh_energies(self, new: slice) -> None:
-        """Write values and log likelihood ratios of the samples in the rows ``new``."""
-        for ground, part, own in self._parts(new):
-            energy = energies_at(self.scenario, ground, self.seed, self.run, *own)
-            self.weighed[new][part] = weighed(
-                self.scenario.sensor, self.readings.observation[new][part], energy, ground.place
-            )
-
-    def _sense(self, new: slice) -> None:
-        """Replace the readings in the rows ``new`` by those of a sensor that depends on the place."""
-        sensor = self.scenario.sensor
-        for ground, part, own in self._parts(new):
-            values = values_at(sensor, ground.tiles, ground.place, self.seed, self.run, *own)
-            read = readings_of(sensor, values)
-            robot, sample, _, _, time_s = own
-            first = np.zeros(len(read), dtype=np.int64)  # ``ground`` holds a single run
-            apply_faults(
-                ground.faults, first, robot, sample, time_s, sensor.readings, self.seed, self.runs, read
-            )
-            self.buffer.readings.observation[new][part] = read
+        self.caught_up = self.samples

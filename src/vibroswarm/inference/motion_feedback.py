@@ -21,11 +21,11 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.closed_loop import ClosedLoop
 from vibroswarm.inference.deliveries import needs_moves, timeline_of
-from vibroswarm.inference.replay import classes_and_values, replay_to_end
+from vibroswarm.inference.replay import advance, classes_and_values, replayer_of
 from vibroswarm.motion.kernel_run import KernelRun, in_order
 from vibroswarm.motion.recorder import Rows, SampleColumns, joined, one_run, tables, with_samples
 from vibroswarm.motion.source import Motion, MotionState, join, source
-from vibroswarm.observation.observe import observe, reads_energies, sensed_floors
+from vibroswarm.observation.observe import Ground, observe, reads_energies, sensed_floors
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 
@@ -50,6 +50,7 @@ def steered_motion(
     motion: str,
     wanted: Wanted,
     progress: Callable[[float], None] | None = None,
+    last_s: Callable[[float], float] | None = None,
 ) -> Motion:
     """Simulate the motion of runs that a strategy steers.
 
@@ -58,28 +59,34 @@ def steered_motion(
     Args:
         runs: run numbers, at least one. floors: floor of each run, by run number. motion: name of the motion source.
         wanted: tables requested beside the samples. progress: called after each run with the share of runs done.
+        last_s: in place of ``run.stop``: returns up to when a run must be known, from when all robots had decided.
     Raises:
         InputError: the motion source cannot be steered, or the strategy chooses a turn or a leg that is out of range.
     """
     loop, grounds = ClosedLoop(scenario, seed), sensed_floors(scenario, seed, runs, floors)
     # One state serves all runs: ``start`` sets it to the start of each.
-    state = steerable(source(motion).init(scenario, seed, runs[0], *wanted), motion)
+    state, t_end_s = (
+        steerable(source(motion).init(scenario, seed, runs[0], *wanted), motion),
+        scenario.run.t_end_s,
+    )
+    columns, parts = SampleColumns(state.tick_ms, room=0), []
 
-    def until(ends_s: NDArray[np.float64], progress: Callable[[float], None] | None) -> Motion:
-        columns, parts = SampleColumns(state.tick_ms, room=0), []
-        for done, (run, ground, end_s) in enumerate(zip(runs, grounds, ends_s.tolist(), strict=True)):
-            loop.begin(run, ground)
-            state.start(seed, run)
-            parts.append(_whole_run(state, loop, end_s, columns))
-            if progress is not None:
-                progress((done + 1) / len(runs))
-        return with_samples(columns.frame(), parts, state.tick_ms)
+    def moved(
+        run: int, ground: Ground, until_s: float, into: SampleColumns, last_s: Callable[[float], float]
+    ) -> Rows:
+        loop.begin(run, ground)
+        state.start(seed, run)
+        return _whole_run(state, loop, until_s, into, last_s)
 
-    ends_s = np.full(len(runs), scenario.run.t_end_s)
-    if scenario.run.stop == "all_decided":
-        found_s = all_decided_s(scenario, seed, until(ends_s, None), floors)
-        ends_s = np.minimum(found_s + scenario.tick_s, ends_s)
-    return until(ends_s, progress)
+    for done, (run, ground) in enumerate(zip(runs, grounds, strict=True)):
+        until_s = t_end_s
+        if scenario.run.stop == "all_decided" and last_s is None:  # a timer may decide between two samples
+            moved(run, ground, t_end_s, SampleColumns(state.tick_ms, room=0), lambda decided_s: decided_s)
+            until_s = min(float(loop.replayer.decided_s[0]) + scenario.tick_s, t_end_s)
+        parts.append(moved(run, ground, until_s, columns, last_s or (lambda _: t_end_s)))
+        if progress is not None:
+            progress((done + 1) / len(runs))
+    return with_samples(columns.frame(), parts, state.tick_ms)
 
 
 def steerable(state: MotionState, motion: str) -> KernelRun:
@@ -117,7 +124,7 @@ def steer_on(
     Raises:
         InputError: the strategy chooses a turn or a leg that is out of range.
     """
-    before = int(loop.bounds[1])  # number of samples so far
+    before = loop.samples
 
     def take_samples(rows: NDArray[np.void]) -> None:
         """Pass new samples to the closed loop, and to the caller."""
@@ -140,16 +147,24 @@ def steer_on(
         # at which robots have just sampled, and networks the positions of all robots.
         loop.add_moves(state.moves_under_way())
     loop.catch_up(state.tick, state.stop_ticks)
-    for k in range(before, int(loop.bounds[1])):  # rows of the new samples
+    for k in range(before, loop.samples):  # rows of the new samples
         turn_deg, drive_ms = loop.replayer.steering[k].tolist()  # both nan: the strategy leaves all as drawn
         if not (math.isnan(turn_deg) and math.isnan(drive_ms)):
             state.steer(int(loop.rows.robot[k]), turn_deg, drive_ms)
     return sampled
 
 
-def _whole_run(state: KernelRun, loop: ClosedLoop, until_s: float, columns: SampleColumns) -> Rows:
+def _whole_run(
+    state: KernelRun,
+    loop: ClosedLoop,
+    until_s: float,
+    columns: SampleColumns,
+    last_s: Callable[[float], float],
+) -> Rows:
     """Advance a run from its start to ``until_s``; append its samples to ``columns``, and return its other rows.
 
+    Args:
+        last_s: returns an earlier end, from when all robots had decided; the run ends with the next samples after it.
     Returns: ends, failure, and segments and moves if they were requested; the field of samples is empty.
     """
     moves, segments = list[NDArray[np.void]](), list[NDArray[np.void]]()
@@ -159,7 +174,7 @@ def _whole_run(state: KernelRun, loop: ClosedLoop, until_s: float, columns: Samp
         kept.append(joined([rows]))
 
     has_moves = state.record.moves.size > 0  # a buffer without room: the table was not requested
-    while not reached(state.time_s, until_s, loop.tick_ms):
+    while not reached(state.time_s, min(until_s, last_s(float(loop.replayer.decided_s[0]))), loop.tick_ms):
         steer_on(
             state,
             loop,
@@ -233,9 +248,11 @@ def motion_until(
 def all_decided_s(
     scenario: Scenario, seed: int, motion: Motion, floors: Mapping[int, Floor]
 ) -> NDArray[np.float64]:
-    """Return when all robots of each run had decided, (runs,); inf where some have not."""
-    seen = observe(scenario, seed, motion.samples, floors, energies=reads_energies(scenario))
-    swarm = replay_to_end(scenario, seed, timeline_of(scenario, motion), *classes_and_values(seen))
-    has_decided = swarm.agents["decision"] != -1
-    decided_s = np.where(has_decided, swarm.agents["first_decided_s"], np.inf)
-    return np.asarray(decided_s.reshape(-1, scenario.swarm.robots).max(axis=1))
+    """Return when all robots of each run had decided for the first time, (runs,); inf where some never did."""
+    seen, timeline = (
+        observe(scenario, seed, motion.samples, floors, energies=reads_energies(scenario)),
+        timeline_of(scenario, motion),
+    )
+    replayer = replayer_of(scenario, seed, timeline)
+    advance(replayer, scenario, seed, timeline, *classes_and_values(seen))
+    return replayer.decided_s

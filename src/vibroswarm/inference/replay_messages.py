@@ -289,6 +289,17 @@ def settle_opinions(swarm: Swarm, first: int, tick: int, agreement: NDArray[np.i
             row.first_decided_s = row.decided_s + world.hold_s
 
 
+@inlined
+def note_decided(swarm: Swarm, first: int, decided_s: NDArray[np.float64], r: int) -> None:
+    """Write when all robots of the r-th run had decided, if they have and it is not written; arguments as elsewhere."""
+    latest_s = 0.0
+    for e in range(first, first + swarm.params.size):
+        if decided_s[r] < np.inf or swarm.agents[e].decision == -1:
+            return
+        latest_s = max(latest_s, swarm.agents[e].first_decided_s)
+    decided_s[r] = latest_s
+
+
 @inner
 def begin_run(
     swarm: Swarm, first: int, buffer: MessageBuffer, tracks: Any, world: World, network_state: NDArray[np.void],
@@ -387,7 +398,8 @@ def replay(
     rows: Rows, stops: Stops, readings: Readings, replayed: NDArray[np.int64], swarm: Swarm,
     messages: NDArray[np.void], buffer: MessageBuffer, tracks: Any, log: Log, steering: Any,
     world: World, network_params: NDArray[np.void], network_state: NDArray[np.void], network_arrays: Any,
-    bytes_on_air: int, seed: int, from_start: bool, to_end: bool, limits_s: NDArray[np.float64],
+    bytes_on_air: int, seed: int, decided_s: NDArray[np.float64], from_start: bool, to_end: bool,
+    limits_s: NDArray[np.float64],
 ) -> int:  # fmt: skip
     """Replay the runs, one after the other, from where the last call stopped; return ``DONE`` or an error code.
 
@@ -402,6 +414,7 @@ def replay(
             else 0. world: as robot 0 knows it.
         network_params, network_state: (1,). network_arrays: the network's arrays, or 0 if it has none.
         bytes_on_air: length of a message.
+        decided_s: (runs,), written: when all robots had decided for the first time; inf: never.
         from_start: begin at time 0, not where the last call stopped. to_end: also read the messages that arrive after
             the last event. limits_s: (runs,): do not replay events of a run after this time.
     Returns: ``DONE``; ``BUFFER_FULL`` if all must be repeated with a larger buffer; or an error code.
@@ -411,7 +424,7 @@ def replay(
         low, high, run, first = rows.bounds[r], rows.bounds[r + 1], rows.runs[r], r * robots
         limit_s = limits_s[r]
         if from_start:
-            replayed[r] = 0
+            replayed[r], decided_s[r] = 0, np.inf
             begin_run(swarm, first, buffer, tracks, world, network_state, network_arrays, seed, run)
         while True:
             # The next event: the next sample of the run, or a timer that is due before it.
@@ -452,6 +465,7 @@ def replay(
             )
             if wrong != DONE:
                 return wrong
+            note_decided(swarm, first, decided_s, r)
             if t_s >= swarm.failures[e].opposite_from_s:
                 opposite_of(out, w)
             sends = sends and tick < swarm.failures[e].silent_tick
@@ -478,6 +492,7 @@ def replay(
         # Opinions may also settle between the last event and the end of what is known, or the limit.
         limit = signed(min(limit_s * 1000.0 / world.tick_ms, 1e15))  # 1e15: inf does not fit into an integer
         settle_opinions(swarm, first, min(stops.known_tick[r], limit), buffer.agreement, world)
+        note_decided(swarm, first, decided_s, r)
         if to_end:
             for i in range(robots):
                 e = first + i

@@ -64,7 +64,8 @@ class Replayer:
     ) -> None:
         """Generate the kernel, and allocate the robots' state (arguments: see the class).
 
-        ``replayed`` counts the samples of each run that have been replayed. ``steering`` receives the turn (deg) and
+        ``replayed`` counts the samples of each run that have been replayed. ``decided_s`` is when all its robots had
+        decided for the first time, inf if they have not. ``steering`` receives the turn (deg) and
         the leg (ms) that the strategy chooses at each sample, (rows, 2); it is 0 if the strategy does not steer.
         """
         params = scenario.network.params if network is None else network_params
@@ -73,7 +74,8 @@ class Replayer:
         self.module = kernels(strategy, network)
         self.seed, self.world = seed, world_of(scenario, longest)
         self.scenario, self.swarm = scenario, empty_swarm(strategy, network, scenario, runs)
-        self.replayed, self.no_limits = np.zeros(runs, dtype=np.int64), np.full(runs, np.inf)
+        self.replayed, self.decided_s = np.zeros(runs, dtype=np.int64), np.full(runs, np.inf)
+        self.no_limits = np.full(runs, np.inf)
         # A log and messages without rows are not written.
         self.log = empty_log(0, strategy.state_type) if log is None else log
         self.messages = zero_rows(0, strategy.message_type) if messages is None else messages
@@ -204,7 +206,7 @@ class Replayer:
         return (
             rows, stops, readings, self.replayed, self.swarm, self.messages, self.buffer, tracks, self.log,
             self.steering, self.world, self.network_params, self.network_state, self.network_arrays,
-            self.strategy.bytes_on_air, self.seed,
+            self.strategy.bytes_on_air, self.seed, self.decided_s,
         )  # fmt: skip
 
 

@@ -34,7 +34,7 @@ from vibroswarm.inference.outcomes import (
     run_columns,
     wrong_of,
 )
-from vibroswarm.inference.replay import advance, classes_and_values
+from vibroswarm.inference.replay import advance, classes_and_values, replayer_of
 from vibroswarm.inference.replayer import Replayer
 from vibroswarm.motion.source import Motion
 from vibroswarm.observation.observe import observe, reads_energies
@@ -228,17 +228,13 @@ def _simulated_together(
     courses = [_Course(scenario, seed, runs) for scenario in scenarios]
     wanted, is_steered = Wanted(moves=any(map(needs_moves, scenarios))), steers(first)
     before = _needed_s(tuple(getattr(first, section) for section in OF_MOTION))
-    # Simulated time of a run if it is simulated up to ``until_s`` first, by what the last ones needed.
-    costs = {
-        until_s: until_s + t_end_s * sum(s > until_s for s in before) / len(before) for until_s in before
-    }
-    until_s = t_end_s if is_steered else min([*before, t_end_s], key=lambda s: costs.get(s, t_end_s))
-    left = np.arange(len(runs))
+    until_s = t_end_s if is_steered else _cheapest_s(before, t_end_s)
+    left = np.argsort(runs)  # indices of runs, in the order that tables have
     while left.size:
         some = [runs[r] for r in left.tolist()]
         if is_steered:
-            whole = first.with_values({"run.stop": "t_end"})
-            moved = steered_motion(whole, seed, some, courses[0].floors, motion, wanted)
+            (course,) = courses
+            moved = steered_motion(first, seed, some, course.floors, motion, wanted, last_s=course.last_s)
         else:
             moved = motion_until(first, seed, some, motion, wanted, np.full(left.size, until_s))
         timeline, seen = timeline_of(first, moved), dict[Any, pl.DataFrame]()
@@ -261,12 +257,25 @@ def _needed_s(of_motion: Any) -> list[float]:
     return []
 
 
+def _cheapest_s(needed_s: list[float], t_end_s: float) -> float:
+    """Return up to when runs are best simulated first, s, before those that need more are simulated to ``t_end_s``.
+
+    Args:
+        needed_s: what the last runs needed.
+    """
+    times_s = np.sort([*needed_s, t_end_s])
+    again = 1.0 - np.arange(1, times_s.size + 1) / times_s.size  # share of the runs that need more
+    return float(times_s[np.argmin(times_s + t_end_s * again)])
+
+
 class _Course:
     """The runs of one scenario."""
 
     def __init__(self, scenario: Scenario, seed: int, runs: Sequence[int]) -> None:
         """Make the floors of the runs, and empty arrays of outcomes."""
         self.scenario, self.seed, self.runs, self.strategy = scenario, seed, runs, strategy_used(scenario)
+        self.may_change = self.strategy.revises and scenario.decision.revise
+        self.stops_early, self.t_end_s = scenario.run.stop == "all_decided", scenario.run.t_end_s
         self.floors, shape = floors_of(scenario, seed, runs), (len(runs), scenario.swarm.robots)
         self.decision, self.sent = np.empty(shape, dtype=np.int64), np.empty(shape, dtype=np.int64)
         self.decision_time_s, self.estimate = np.empty(shape), np.empty(shape)
@@ -280,53 +289,43 @@ class _Course:
         Args:
             some: indices of the runs. timeline, moved: their motion. seen: observations by what they depend on.
         """
-        scenario, seed, tick_s, t_end_s = (
-            self.scenario,
-            self.seed,
-            self.scenario.tick_s,
-            self.scenario.run.t_end_s,
-        )
+        scenario, seed = self.scenario, self.seed
         reads = reads_energies(scenario)
         key = (reads, *(getattr(scenario, section) for section in OF_OBSERVATION))
         if key not in seen:
             seen[key] = observe(scenario, seed, moved.samples, self.floors, energies=reads)
-        rows = timeline.rows.robot.size
-        replayer = Replayer(scenario, seed, runs=some.size, longest=timeline.longest, rows=rows)
+        replayer = replayer_of(scenario, seed, timeline)
         agents, shape = replayer.swarm.agents, (some.size, -1)
 
-        def replay(limits_s: Array) -> None:
+        def replay(limits_s: Array) -> tuple[NDArray[np.int64], Array]:
+            """Replay each run up to a limit of its own; return decisions and their times."""
             advance(replayer, scenario, seed, timeline, *classes_and_values(seen[key]), limits_s)
-
-        def decisions() -> tuple[NDArray[np.int64], Array]:
             return agents["decision"].reshape(shape).copy(), agents["decided_s"].reshape(shape).copy()
 
-        replay(np.full(some.size, np.inf))
-        decision, time_s = decisions()
-        has_decided = decision != -1
-        all_s = np.where(has_decided, time_s, np.inf).max(axis=1)
-        first_s = np.where(has_decided, agents["first_decided_s"].reshape(shape), np.inf).max(axis=1)
-        may_change, stops_early = (
-            self.strategy.revises and scenario.decision.revise,
-            scenario.run.stop == "all_decided",
-        )
-        ends_s = np.array(
-            [end_s(s, t_end_s) for s in (first_s if may_change and stops_early else all_s).tolist()]
-        )
-        judged_s = np.minimum(first_s + tick_s, t_end_s) if stops_early else np.full(some.size, t_end_s)
-        if may_change and stops_early:  # up to here, and no later
-            replay(judged_s)
-            decision, time_s = decisions()
+        decision, time_s = replay(np.full(some.size, np.inf))
+        last_s = np.where(decision == -1, np.inf, time_s).max(axis=1)
+        judged_s = np.full(some.size, self.t_end_s)
+        if self.stops_early:
+            judged_s = np.minimum(replayer.decided_s + scenario.tick_s, self.t_end_s)
+            if self.may_change:  # up to here, and no later
+                last_s = replayer.decided_s.copy()
+                decision, time_s = replay(judged_s)
+        ends_s = np.array([end_s(s, self.t_end_s) for s in last_s.tolist()])
         replay(ends_s)
         self.decision[some], self.decision_time_s[some] = decision, time_s
-        self.estimate[some], self.sent[some] = (
-            self._estimates(replayer).reshape(shape),
-            agents["sent"].reshape(shape),
-        )
+        self.estimate[some] = self._estimates(replayer).reshape(shape)
+        self.sent[some] = agents["sent"].reshape(shape)
         self.end_s[some], self.judged_s[some] = ends_s, judged_s
-        if may_change and not stops_early:
-            return np.full(some.size, t_end_s)
-        needed_s: Array = np.minimum(np.maximum(ends_s, judged_s if stops_early else 0.0) + tick_s, t_end_s)
-        return needed_s
+        if self.may_change and not self.stops_early:
+            return judged_s
+        known_s: Array = np.maximum(ends_s, judged_s) if self.stops_early else ends_s
+        return np.minimum(known_s + scenario.tick_s, self.t_end_s)
+
+    def last_s(self, decided_s: float) -> float:
+        """Return up to when a run must be known, s, from when all its robots had decided for the first time."""
+        if self.may_change and not self.stops_early:
+            return self.t_end_s
+        return min(end_s(decided_s, self.t_end_s) + self.scenario.tick_s, self.t_end_s)
 
     def _estimates(self, replayer: Replayer) -> Array:
         """Return each robot's estimate, as in tables, (runs * robots,); nan if the strategy has none."""
@@ -349,7 +348,7 @@ class _Course:
             fill_ratio=fills,
             truth=truth,
             tiles=self.floors[self.runs[0]].tiles.size,
-            t_end_s=self.scenario.run.t_end_s,
+            t_end_s=self.t_end_s,
             strategy=self.scenario.strategy.name,
             costs=costs_of(self.scenario),
         )
