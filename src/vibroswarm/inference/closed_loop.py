@@ -141,9 +141,9 @@ class ClosedLoop:
             ),
             latest=np.empty(robots, dtype=np.int32),
         )
-        self.rows = Rows(*map(read_only, self.buffer.rows))
-        self.stops = Stops(*map(read_only, self.buffer.stops))
-        self.readings = Readings(*map(read_only, self.buffer.readings))
+        self.rows = Rows(*(read_only(column) for column in self.buffer.rows))
+        self.stops = Stops(*(read_only(column) for column in self.buffer.stops))
+        self.readings = Readings(*(read_only(column) for column in self.buffer.readings))
 
     @property
     def samples(self) -> int:
