@@ -15,7 +15,7 @@ from polars.testing import assert_frame_equal
 from helpers.result_outcomes import assert_same_outcomes, from_result
 from helpers.walk_checks import TABLE_CHECKS, Check
 from vibroswarm import simulate
-from vibroswarm.errors import CodeError, InputError
+from vibroswarm.errors import InputError
 from vibroswarm.inference.closed_loop import max_samples
 from vibroswarm.motion import source as motion_source
 from vibroswarm.motion.source import ENDS, FAILURES, MOTION, MOVES, Motion, Source, register, source
@@ -157,7 +157,7 @@ def with_table(name: str, change: Callable[[pl.DataFrame], object]) -> Callable[
     return lambda piece: replace(piece, **{name: change(getattr(piece, name))})
 
 
-with_moves, with_samples, with_ends = (partial(with_table, name) for name in ("moves", "samples", "ends"))
+with_moves, with_ends = (partial(with_table, name) for name in ("moves", "ends"))
 
 
 def with_failures(table: object) -> Callable[[Motion], Motion]:
@@ -165,15 +165,6 @@ def with_failures(table: object) -> Callable[[Motion], Motion]:
 
 
 FAILED = pl.DataFrame({"run": [7], "time_s": [3.0], "reason": ["fell over"]}, schema=FAILURES)
-
-
-def test_numbers_of_samples_go_on_from_piece_to_piece() -> None:
-    """A number that begins anew with each piece repeats readings; one that is left out repeats nothing."""
-    anew = pl.int_range(pl.len(), dtype=pl.UInt32).over("robot")
-    with pytest.raises(CodeError, match="robot 0 are not numbered in the order"):
-        simulate_with(with_samples(lambda t: t.with_columns(sample=anew)), "all_decided")
-    later = simulate_with(with_samples(lambda t: t.with_columns(pl.col("sample") * 2)), "all_decided")
-    assert later.motion["sample"].max() > 1
 
 
 @pytest.mark.parametrize("stop", ["t_end", "all_decided"])

@@ -30,7 +30,6 @@ from vibroswarm.inference.sender_positions import NO_TRACKS, Tracks
 from vibroswarm.networks import Network
 from vibroswarm.networks import network as network_of
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies import Strategy
 
 NO_VALUES: Final = read_only(np.empty(0))
 """A column of ``Readings`` that is not needed."""
@@ -208,8 +207,3 @@ class Replayer:
             self.steering, self.world, self.network_params, self.network_state, self.network_arrays,
             self.strategy.bytes_on_air, self.seed, self.decided_s,
         )  # fmt: skip
-
-
-def counts_only(strategy: Strategy) -> bool:
-    """Return whether this strategy counts bits, has no timers and decides once."""
-    return strategy.on_counts is not None and strategy.on_timer is None and strategy.decides == "once"

@@ -37,7 +37,7 @@ from vibroswarm.inference.outcomes import ROBOTS, RUNS, outcome_tables
 from vibroswarm.inference.replay import infer
 from vibroswarm.inference.replay_arrays import NO_ESTIMATES, Log, Readings, Stops, empty_log
 from vibroswarm.inference.replay_arrays import Rows as SampleRows
-from vibroswarm.inference.replayer import NO_VALUES, Replayer, counts_only
+from vibroswarm.inference.replayer import NO_VALUES, Replayer
 from vibroswarm.motion.pose import pose
 from vibroswarm.motion.source import Motion
 from vibroswarm.observation.energy_model import model_of, readings_of
@@ -47,7 +47,7 @@ from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, field_names, parse_setting
 from vibroswarm.simulation import MAX_RUNS
-from vibroswarm.strategies import known
+from vibroswarm.strategies import Strategy, known
 from vibroswarm.strategies import strategy as strategy_of
 
 SLACK_S: Final = 1.0
@@ -145,6 +145,11 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
             answers.append(_answers(recording, scenario, pl.concat(samples), draw))
     lost = int(recording.rows["lost_before"].sum())
     return _replayed(recording, scenario, finals, answers, unsent=unsent / draws, put_back=lost)
+
+
+def counts_only(strategy: Strategy) -> bool:
+    """Return whether this strategy counts bits, has no timers and decides once."""
+    return strategy.on_counts is not None and strategy.on_timer is None and strategy.decides == "once"
 
 
 @dataclass(frozen=True)
