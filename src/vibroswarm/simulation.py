@@ -13,6 +13,7 @@ import polars as pl
 import vibroswarm.motion.event.event_run
 import vibroswarm.motion.fixed_step
 import vibroswarm.motion.physics.sources  # noqa: F401  (these make themselves known as sources)
+from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.jit import source_hash
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.ticks import reached
@@ -66,7 +67,9 @@ def simulate(
     Raises:
         InputError: the seed or a run number is out of range, the source of motion is unknown, the code of a strategy,
             network or task is not loaded, or readings cannot be tested against the decision boundary.
+        RunError: this process was forked after polars had begun its threads.
     """
+    check_threads()
     check_scenario(scenario)
     seed, chosen = check_seed(seed), check_runs(seed, runs)
     motion = plugins.resolve_code("motion", motion) if plugins.is_code(motion) else motion
