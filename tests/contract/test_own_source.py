@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import polars as pl
@@ -155,9 +154,6 @@ def simulate_with(change: Callable[[Motion], Motion], stop: str) -> Result:
 
 def with_table(name: str, change: Callable[[pl.DataFrame], object]) -> Callable[[Motion], Motion]:
     return lambda piece: replace(piece, **{name: change(getattr(piece, name))})
-
-
-with_moves, with_ends = (partial(with_table, name) for name in ("moves", "ends"))
 
 
 def with_failures(table: object) -> Callable[[Motion], Motion]:
