@@ -137,7 +137,7 @@ def _own_hooks(strategy: Strategy, network: Network) -> dict[str, Callable[..., 
 def _text(strategy: Strategy, network: Network, own: Mapping[str, Callable[..., Any]]) -> str:
     """Return the text that takes the place of ``default_hooks``, except ``own`` hooks and those not declared."""
     fields, of_network = tuple(arrays_of(strategy.arrays)), tuple(arrays_of(network.arrays))
-    classes = {"Arrays": fields, "Views": fields, "NetworkArrays": of_network}
+    classes = {"Arrays": fields, "Views": fields, "NetworkArrays": (*network.lists, *of_network)}
     has_bit = "bit" in (strategy.message_type.names or ())
     constants = {
         "COUNTS": "on_counts" in own and "on_timer" not in own,

@@ -56,7 +56,9 @@ def send(
             arrival_tick[j] = 3 * row + 1
 
 
-RECORDED: Final = Network("recorded", params=Heard, send=send, about="what was drawn of a recording")
+RECORDED: Final = Network(
+    "recorded", params=Heard, send=send, positions=False, about="what was drawn of a recording"
+)
 
 
 @inner

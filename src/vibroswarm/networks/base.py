@@ -20,23 +20,25 @@ reported where its turn began, at most some millimetres away. A network that doe
 ``positions=False``, and is faster.
 
 ``p`` holds the parameters. ``w`` is a ``World`` whose ``robot`` is the receiver (``lost``) or the sender (``send``).
-``u(d, k)`` is the k-th uniform number of the call. ``check`` is called when a scenario is read, with the parameters and
-the number of robots.
+``u(d, k)`` is the k-th uniform number of the call. A parameter may be a list, declared as ``tuple[int, ...]`` or
+``tuple[float, ...]``; it is then an array of ``a``, which ``send`` must not change. ``check`` is called when a scenario
+is read, with the parameters and the number of robots.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError
-from vibroswarm.strategies.base import NoArrays, Plugin, arrays_of, row_type
-from vibroswarm.strategies.static_analysis import check_function, is_shipped
+from vibroswarm.strategies.base import KINDS, NoArrays, Plugin, arrays_of, row_type
+from vibroswarm.strategies.static_analysis import UNUSED, check_function, is_shipped
 from vibroswarm.strategies.world import World
 
 Hook = Callable[..., Any]
@@ -84,15 +86,18 @@ class Network(Plugin):
         """
         if self.lost is not None and self.send is not None:
             raise InputError("has both lost and send; give one of them", field=self.name)
-        fields = {
-            "n": self.state_type.names or (),
-            "a": tuple(arrays_of(self.arrays)),
-            "p": self.params_type.names or (),
+        # Names of the fields or arrays of each argument that has any. Parameters that are lists belong to ``a``.
+        names_of = {
+            "n": self.state_type.names,
+            "a": (*self.lists, *arrays_of(self.arrays)),
+            "p": self.params_type.names,
             "w": World._fields,
         }
-        for name, hook in (("lost", self.lost), ("send", self.send)):
-            if hook is not None:
-                check_function(name, hook, fields)
+        for hook in ("lost", "send"):
+            if getattr(self, hook) is not None:
+                # "or ()" is for the type checker: NumPy's ``names`` may be None, but rows always have fields.
+                fields = {argument: names or () for argument, names in names_of.items()}
+                check_function(hook, getattr(self, hook), fields, tuple(self.lists))
 
     @property
     def reads_positions(self) -> bool:
@@ -104,13 +109,35 @@ class Network(Plugin):
         """Row type of the network's state."""
         return row_type(self.state, "state")
 
+    @cached_property
+    def lists(self) -> dict[str, type]:
+        """Names of the parameters that are lists (declared as ``tuple[TYPE, ...]``), each with its type of elements."""
+        kinds = self._param_kinds.items()
+        return {name: get_args(kind)[0] for name, kind in kinds if get_origin(kind) is tuple}
+
+    @property
+    def _param_kinds(self) -> dict[str, Any]:
+        params: Any = self.params  # a model, see ``Plugin``
+        return {name: info.annotation for name, info in params.model_fields.items()}
+
+    @cached_property
+    def params_type(self) -> np.dtype[np.void]:
+        """NumPy row type of the parameters that are not lists; if there are none, it has one field that is not used."""
+        if not self.lists:
+            return super().params_type
+        scalars = [(name, KINDS[kind]) for name, kind in self._param_kinds.items() if name not in self.lists]
+        return np.dtype(scalars or [(UNUSED, np.int64)])
+
     def arrays_of(self, params: object, sizes: Mapping[str, int]) -> dict[str, NDArray[Any]]:
-        """Return the declared arrays, zeroed, by name.
+        """Return new arrays, by name: copies of the parameters that are lists, and the declared arrays, zeroed.
 
         Args:
-            sizes: "robots", "rows", "columns" and "tiles" of the scenario; the declared sizes are formulas of these.
+            params: values of the parameters. sizes: "robots", "rows", "columns" and "tiles" of the scenario; the
+                declared sizes of arrays are formulas of these.
         """
-        return {name: np.zeros(item.size(sizes), item.kind) for name, item in arrays_of(self.arrays).items()}
+        lists = {name: np.array(getattr(params, name), KINDS[kind]) for name, kind in self.lists.items()}
+        declared = arrays_of(self.arrays)  # the function of ``strategies.base``, not this method
+        return lists | {name: np.zeros(item.size(sizes), item.kind) for name, item in declared.items()}
 
 
 _registry = Registry[Network]("network", "network.name")
