@@ -11,7 +11,7 @@ from polars.testing import assert_frame_equal
 from vibroswarm import preset, replay, simulate
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import infer
-from vibroswarm.inference.replayer import MessagesReplayer
+from vibroswarm.inference.replayer import Replayer
 from vibroswarm.motion.source import Motion, source
 from vibroswarm.observation.observe import observe
 from vibroswarm.result import Result
@@ -55,13 +55,13 @@ def test_more_messages_than_there_is_room_for_at_first_are_all_there(monkeypatch
     scenario = BASE.with_values({"strategy.name": "dmmd"})
     expected = simulate(scenario, 9, 3)
     rooms: list[int] = []
-    first = MessagesReplayer._message_buffer
+    first = Replayer._message_buffer
 
-    def small(self: MessagesReplayer, room: int) -> object:
+    def small(self: Replayer, room: int) -> object:
         rooms.append(room if rooms else 10)
         return first(self, rooms[-1])
 
-    monkeypatch.setattr(MessagesReplayer, "_message_buffer", small)
+    monkeypatch.setattr(Replayer, "_message_buffer", small)
     assert simulate(scenario, 9, 3) == expected
     assert rooms[:3] == [10, 20, 40]
 

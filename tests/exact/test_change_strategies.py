@@ -441,7 +441,7 @@ def test_news_of_a_change_is_believed_without_doubts_of_ones_own(follows: bool) 
     ("name", "values", "field"),
     [
         ("none", {"task.name": "changed"}, "task.name"),
-        ("reset", {"strategy.reset.tells_change": True}, "strategy.reset.tells_change"),
+        ("reset", {"strategy.reset.tells_change": True}, "task.name"),
         ("reset", ANEW | {"strategy.reset.tells_anew": False, "change.to": "invert"}, "task.changed.since"),
     ],
 )

@@ -103,8 +103,8 @@ def timeline(scenario: Scenario, result: Result) -> Any:
     [
         ([[0.9, 0.1]], "at least 2"),
         ([[0.9, 0.1], [0.2, 0.8], [0.5, 0.5]], "give 2 rows, one for each kind of tile"),
-        ([[0.9, 0.1], [0.2, 0.3, 0.5]], "row 1 has 3 classes; give 2"),
-        ([[0.9, 0.1], [0.2, 0.7]], "row 1 sums to 0.9"),
+        ([[0.9, 0.1], [0.2, 0.3, 0.5]], "row 1 has 3 classes"),
+        ([[0.9, 0.1], [0.2, 0.7]], "sums to 0.9"),
         ([[0.9, 0.1], [-0.2, 1.2]], "greater than or equal to 0"),
     ],
 )

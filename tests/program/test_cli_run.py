@@ -110,12 +110,12 @@ def test_json_is_one_document_with_the_verdict(capsys):
 
 
 BAD = {
-    "--floor nowhere.txt": ("nowhere.txt", "no such file"),
+    "--floor nowhere.txt": ("nowhere.txt", "neither a floor nor a file"),
     "--floor diagnal:0.46": ("--floor", "did you mean 'diagonal:0.46'?"),
     "--floor random:0.47": ("0.47", "0.44"),
-    "--floor patch:0.1@7": ("--floor", "a contrast of 'patch:0.1@7' is 7"),
+    "--floor patch:0.1@7": ("--floor", "patch:0.1@7"),
     "--set floor.source=diagnal:0.46": ("floor.source", "did you mean 'diagonal:0.46'?"),
-    "--floor diagonal:0.46 --tiles 3x3": ("--tiles", "3x3"),
+    "--floor diagonal:0.46 --tiles 3x3": ("--tiles", "10x10"),
     "--tiles 5": ("--tiles", "5"),
     "--tiles 5x5 --floor .": (".", "folder"),
     "--preset papr": ("preset", "did you mean 'paper'?"),
@@ -131,7 +131,7 @@ BAD = {
     "--seed 9223372036854775808": ("seed", "9223372036854775807"),
     "--seed x": ("--seed", "'x' is not a whole number"),
     "--scenario nowhere.toml": ("nowhere.toml", "cannot be read"),
-    "--energies nowhere.csv": ("nowhere.csv", "cannot be read"),
+    "--energies nowhere.csv": ("nowhere.csv", "No such file"),
     "--set walk.gamma=3": ("walk.gamma", "no such field"),
     "--set strategy.nam=soft": ("strategy.nam", "did you mean 'strategy.name'?"),
     "--set walk": ("--set", "section.field=value"),

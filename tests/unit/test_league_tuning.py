@@ -115,7 +115,7 @@ def test_the_command_writes_settings_that_a_league_reads(
     assert set(read_settings(file)) == {"none"}
     text = file.read_text(encoding="utf-8")
     assert text.startswith("# 8 settings for each tuned field")
-    assert "--force" in refusal_of(capsys, *line)
+    assert "exists already" in refusal_of(capsys, *line)
     assert main([*line, "--force"]) == 0
     assert file.read_text(encoding="utf-8") == text, "the same seed finds the same settings"
     assert main(["league", *SMALL, *QUICK, "--settings", str(file)]) == 0
