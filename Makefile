@@ -24,7 +24,7 @@ test: $(VENV)/dev.done
 test-slow: $(VENV)/dev.done
 	$(TESTED) -m slow $(ARGS)
 
-# Values that no change may change unasked; make test looks at a part of them.
+# Values that no change may move, and statistics that move on purpose only.
 ledger: $(VENV)/dev.done
 	$(BIN)/python tests/helpers/ledger.py
 

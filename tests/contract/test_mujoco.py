@@ -71,6 +71,7 @@ def test_they_keep_the_contract(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not broken
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("check", [check_copies, check_bodies, check_segments_join, check_ends])
 def test_they_keep_it_in_a_crowd(check: Check, monkeypatch: pytest.MonkeyPatch) -> None:
     """Copies are bit-equal, and bodies apart, where robots push each other most."""

@@ -288,6 +288,7 @@ def test_limits_of_a_mean_plus_sd_allow_for_skew_costs(over: str) -> None:
     assert few[1:3] == (-math.inf, math.inf)  # of the worst case it was 0 and infinity
 
 
+@pytest.mark.slow
 def test_limits_of_the_worst_of_equal_cases_hold_its_score() -> None:
     """The highest of five estimates is too high, and the bootstrap of it is above the truth (the control)."""
     random, objective, low = np.random.default_rng(5), Objective("decision_time", "mean"), [0, 0]
@@ -372,6 +373,7 @@ def test_scores_are_paired_by_the_number_of_the_run() -> None:
     assert paired_score(objective, first, other)[:3] == pytest.approx((0.5, 0.5, 0.5))
 
 
+@pytest.mark.slow
 def test_the_lowest_of_equal_cells_of_a_grid_is_not_called_better_than_others() -> None:
     """One cell of 8 at least was called higher in 9 of 15 grids, by the interval of each pair alone.
 

@@ -102,6 +102,7 @@ def test_a90_is_that_of_an_isotonic_fit_to_many_inspections() -> None:
     assert fitted.a90_m == pytest.approx(TRUE_A90_M, rel=0.03)
 
 
+@pytest.mark.slow
 def test_the_limit_covers_the_truth_and_a_fit_without_false_calls_does_not_fit() -> None:
     trials = [drawn(100 + k, 15) for k in range(60)]
     with_floor, without = [one.fit() for one in trials], [one.fit(floor=False) for one in trials[:30]]
@@ -121,6 +122,7 @@ def test_the_limit_covers_the_truth_and_a_fit_without_false_calls_does_not_fit()
     assert many.fit(floor=False).at(0.06) > of_small + 0.03
 
 
+@pytest.mark.slow
 def test_the_limit_covers_the_truth_of_few_plates_whose_curve_rises_slowly() -> None:
     """Half of the damage is where there are few samples, so that the curve is no logistic one."""
 
@@ -242,6 +244,7 @@ def test_a_row_of_a_plan_does_not_depend_on_what_else_is_asked(monkeypatch: pyte
         )  # sweeps: as of 20 inspections
 
 
+@pytest.mark.slow
 def test_looking_more_often_finds_more_and_calls_more_falsely() -> None:
     """By the same threshold and the same drawn surfaces, none is called at the end only."""
     law = Law(preset("paper").sensor, "preset paper")

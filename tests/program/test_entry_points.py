@@ -64,6 +64,7 @@ def vibroswarm(*arguments: str, package: Path) -> subprocess.CompletedProcess[st
     return python("-m", "vibroswarm", *arguments, package=package)
 
 
+@pytest.mark.slow
 def test_a_study_by_worker_processes_is_read_again_only_with_its_package(
     package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -82,6 +83,7 @@ def test_a_study_by_worker_processes_is_read_again_only_with_its_package(
     assert "there is no" in refusal_of(capsys, "show", out)  # in this process, which has no such package
 
 
+@pytest.mark.slow
 def test_only_what_is_chosen_is_loaded_and_two_packages_may_not_share_its_name(
     package: Path, tmp_path: Path
 ) -> None:

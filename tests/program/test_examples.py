@@ -48,6 +48,7 @@ def test_first_run(run_example):
     assert Path("kept/run.html").stat().st_size > 50_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", sorted(path.parent.name for path in EXAMPLES.glob("papers/*/study.toml")))
 def test_experiments_of_others_run(run_example, folder, tmp_path, capsys):
     """All of their cells, for the beginning of one run; ``test_papers.py`` looks at whole ones."""

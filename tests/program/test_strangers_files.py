@@ -150,6 +150,7 @@ def _in_a_folder_with_the_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.chdir(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_each_file_passes_its_checks(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", f"{name}.py:{name}"]) == 0, capsys.readouterr().err

@@ -13,6 +13,7 @@ from vibroswarm.paper.items import items_named
 from vibroswarm.paper.reproduce import reproduce
 
 
+@pytest.mark.slow
 def test_the_printed_similarities_come_out_and_say_little(recordings: Path, tmp_path: Path) -> None:
     pytest.importorskip("sklearn")
     settings = Settings(runs=9, columns=("paper",), recordings=recordings)

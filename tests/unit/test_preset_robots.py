@@ -22,6 +22,7 @@ def wall_m(paths: pl.DataFrame) -> np.ndarray:
     return np.minimum(places, 1.0 - places).min(axis=1)
 
 
+@pytest.mark.slow
 def test_an_e_puck_is_that_of_its_source() -> None:
     paths = paths_of("e-puck", "fixed-step")  # a kernel of its own, for eight rays, of a smaller engine
     speeds = paths.filter(kind="drive")["speed_m_s"].to_numpy()
