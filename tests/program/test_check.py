@@ -189,53 +189,7 @@ mine = Strategy(
     answers_kinds=True,
 )
 """
-SMALL = """
-from vibroswarm.strategies import array, strategy_in
-
-class State:
-    far: int
-    big: int
-    ones: int
-
-class Message:
-    bit: int
-
-class Arrays:
-    heard = array("uint8", "robots")
-    share = array("float32", "2")
-
-def begin(s, a, d, p, w):
-    a.share[0] = 0.1
-
-def on_message(s, a, m, sender, t_s, d, p, w):
-    a.heard[sender] += 1
-    a.share[1] += a.share[0] * 0.3
-    s.ones += m.bit
-    s.far = 1000 * a.heard[sender] - 300
-
-def on_sample(s, a, x, out, d, p, w):
-    s.ones += x.reading
-    s.big = (x.number + 1) * 2**62 * 4 % 7
-    out.bit = x.reading
-    return True
-
-def decision(s, a, p, w):
-    return -1 if s.far < 700 + 1000 * a.share[1] else 0
-
-def belief(s, a, p, w):
-    total = 0.0
-    for k in range(2):
-        total += a.share[k]
-    return min(total / 3.0, 1.0)
-
-mine = strategy_in(__name__, "mine", reports=("far", "big", "share"))
-"""
-"""Elements of few bits, which compute in full width; and a report beyond 64 bits, which nothing else depends on."""
 BAD = {
-    "strategy: reports numbers beyond 64 bits": (
-        SMALL,
-        "FAIL  compiled as in plain Python: one robot: compiled and plain Python results differ: report big",
-    ),
     "strategy: raises": (
         KINDS.replace("s.seen += 1", "raise ValueError('three')"),
         "in on_sample: ValueError: three",
@@ -377,7 +331,6 @@ BAD = {
 ELSEWHERE = (
     "task: goes by the order in which it met floors",
     "task: draws when it is loaded",
-    "strategy: reports numbers beyond 64 bits",
 )
 """What only another process shows; and a strategy, which no good file here is."""
 

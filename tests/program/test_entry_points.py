@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from helpers.commands import refusal_of
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 POINTS = """\
 [vibroswarm.strategies]
@@ -62,25 +60,6 @@ def python(*arguments: str, package: Path) -> subprocess.CompletedProcess[str]:
 
 def vibroswarm(*arguments: str, package: Path) -> subprocess.CompletedProcess[str]:
     return python("-m", "vibroswarm", *arguments, package=package)
-
-
-@pytest.mark.slow
-def test_a_study_by_worker_processes_is_read_again_only_with_its_package(
-    package: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = str(tmp_path / "a study")
-    short = ("--set", "run.t_end_s=60", "--runs", "4", "--no-pictures")
-    chosen = ("--strategy", "voter", "--network", "near", "--task", "corner")
-    workers = ("--executor", "processes", "--workers", "1")
-
-    done = vibroswarm("evaluate", *chosen, *short, *workers, "--out", out, package=package)
-    assert done.returncode == 0, done.stderr
-
-    shown = vibroswarm("show", out, package=package)
-    assert shown.returncode == 0, shown.stderr
-    assert "Done: 4 of 4 runs" in shown.stdout
-
-    assert "there is no" in refusal_of(capsys, "show", out)  # in this process, which has no such package
 
 
 @pytest.mark.slow

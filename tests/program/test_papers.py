@@ -51,21 +51,6 @@ def test_neighbours_lower_the_error_and_more_of_them_do_not(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_all_that_robots_hear_lowers_the_error_and_what_they_do_not_know_raises_it(tmp_path: Path) -> None:
-    values = {"source": '["random:0.95"]', "accuracy": "[0.825]"}
-    everybody, ring, line, tree = summary(tmp_path / "known", "chin-2022/study.toml", 1, **values)[
-        ERROR
-    ].to_list()
-    assert everybody < 0.5 * min(ring, line, tree)
-    found = summary(tmp_path / "unknown", "chin-2022/unknown.toml", 2, source='["random:0.95"]')
-    knows, takes_for_true, *_, corrected, never_corrected, _ = found[
-        ERROR
-    ].to_list()  # in the order of the file
-    assert knows < 0.1 * takes_for_true
-    assert corrected < 0.95 * never_corrected
-
-
-@pytest.mark.slow
 def test_robots_that_take_another_feature_decide_all(tmp_path: Path) -> None:
     found = summary(tmp_path, "ebert-2018/study.toml", 4, all_on_first="[true]")
     stays, switches = found["swarm_right"].to_list()

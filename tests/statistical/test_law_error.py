@@ -18,15 +18,11 @@ from vibroswarm.errors import InputError
 from vibroswarm.inspection.damage import drawn_values, patch_of, random_places, ratios_at
 from vibroswarm.inspection.laws import law_of_measured, law_of_sessions
 from vibroswarm.inspection.patches import (
-    Form,
-    Patches,
-    Shares,
     declared,
     log_likelihoods,
     scan_statistic,
     shares_of,
 )
-from vibroswarm.inspection.region import coarse_shares, posterior_of, region_of
 from vibroswarm.inspection.samples import Law, Samples
 from vibroswarm.inspection.scan import intact_statistics, p_value
 from vibroswarm.inspection.stopping import Question, rule_of
@@ -151,30 +147,6 @@ def test_few_weak_readings_are_told_apart(ones: float, least: int, most: int) ->
         return vibrating, still
 
     assert least <= refusals(10, drawn) <= most
-
-
-def held(with_error: bool, laws: int, weighed: Callable[[Samples, Patches], Shares] = coarse_shares) -> int:
-    """Number of regions that hold damage of 20 cm, of 90 % each, by laws of 100 measured values of each kind."""
-    count = 0
-    for seed in range(laws):
-        random, samples, law = measured_law(seed, 600, 100)
-        x_m, y_m = random.uniform(0.1, 0.5, (2, 1))
-        measured = drawn_values(random, samples, 1, patch_of(x_m, y_m, 0.2))[:, 0]
-        judged = replace(samples, law=law if with_error else replace(law, draws=())).with_columns(
-            value=measured
-        )
-        patches = declared(judged.size_m)
-        posterior = posterior_of(judged, patches, weighed(judged, patches), np.full(600, True))
-        count += region_of(posterior).holds(Form(0.2, 0.2), float(x_m[0]), float(y_m[0]))
-    return count
-
-
-@pytest.mark.long
-def test_regions_by_a_law_of_few_values_hold_what_they_state() -> None:
-    """They held 1 of 20: the bins of the law were others at each contrast, and its error did not count."""
-    assert held(True, 24) >= binom.ppf(0.01, 24, 0.9)
-    # The control: as if the law and the places were exact.
-    assert held(False, 24, shares_of) < binom.ppf(0.01, 24, 0.9)
 
 
 def cleared_damage(contrasts: tuple[float, ...]) -> list[tuple[int, float]]:
