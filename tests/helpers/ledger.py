@@ -305,9 +305,10 @@ def kept_hashes() -> Hashes:
 
 
 def write(part: str, found: Hashes, rows: str) -> None:
-    """Keep what is found of a part; what is not found, and has a name that ``rows`` is found in, leaves."""
+    """Keep what is found of a part; rows that ``rows`` names leave if their block was made, or is not in the list."""
     kept = json.loads(FILES[part].read_text(encoding="utf-8"))
-    others = {name: value for name, value in kept.items() if not re.search(rows, name)}
+    made = {name.split(":")[0] for name in found} | ({name.split(":")[0] for name in kept} - PARTS.keys())
+    others = {n: value for n, value in kept.items() if not re.search(rows, n) or n.split(":")[0] not in made}
     document = others | {name: value for name, value in found.items() if part_of(name) == part}
     text = json.dumps(document | {"made by": made_by()}, indent=1)
     FILES[part].write_text(text + "\n", encoding="utf-8")
