@@ -158,7 +158,7 @@ def test_c_reads_values_of_a_sensor_of_ones_own_as_its_file_does(tmp_path: Path)
         )
     )
     try:
-        c_library.write_library(CLASSES.with_values({"sensor.model": "grey"}), tmp_path)
+        c_library.export_library(CLASSES.with_values({"sensor.model": "grey"}), tmp_path)
     finally:
         forget("grey")
     assert "read_value()" in (tmp_path / "examples/inspection/inspection.ino").read_text()
@@ -211,7 +211,7 @@ def test_c_reads_several_numbers_as_the_file_of_the_sensor_does(tmp_path: Path) 
     register(of_four_numbers(class_of=nearest_class))
     scenario = CLASSES.with_values({"sensor.model": "bells", "run.t_end_s": 60.0})
     try:
-        c_library.write_library(scenario, tmp_path)
+        c_library.export_library(scenario, tmp_path)
         read = simulate(scenario, SEED, [0]).observations
         program = plain_program(parts_of(scenario))
         p = scenario.sensor.params

@@ -27,8 +27,7 @@ def c(
     example:
       vibroswarm export c robot --strategy soft
     """
-    from vibroswarm.export.c_library import MARKER
-    from vibroswarm.export.exported import export_library
+    from vibroswarm.export.c_library import MARKER, export_library
 
     # Refuse the folder before the work. --force replaces a folder only if it holds the file MARKER, as a library does.
     check_folder(folder, replace=force, marker=MARKER)
@@ -56,11 +55,9 @@ def check(
     """
     from vibroswarm.documents.export import differences_document
     from vibroswarm.export.assembly import parts_of
-    from vibroswarm.export.parameters import differences, find_header, read_header
+    from vibroswarm.export.parameters import differences, read_header
 
-    path = find_header(folder)
-    found = read_header(path)
     made = scenario_from(scenario)
-    different = differences(found, made, parts_of(made))
-    print_document(differences_document(str(path), different), as_json=json)
+    different = differences(read_header(folder), made, parts_of(made))
+    print_document(differences_document(str(folder), different), as_json=json)
     return 1 if different else 0

@@ -20,7 +20,7 @@ DOCUMENTS: Final = {
     "vibroswarm.league.tuning.Tuned": "league:tune_document",
     "vibroswarm.calibrate.message_loss.LossFits": "calibration:message_loss_document",
     "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
-    "vibroswarm.export.exported.Exported": "export:export_document",
+    "vibroswarm.export.c_library.Exported": "export:export_document",
     "vibroswarm.recordings.replay.Replays": "recording:replay_document",
     "vibroswarm.recordings.spectrum.Spectra": "spectrum:spectrum_document",
     "vibroswarm.recordings.threshold.Recommendation": "recording:threshold_document",

@@ -7,10 +7,10 @@ place, a named tuple cannot.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import accumulate
 from typing import Any, Final, get_type_hints
 
 import numpy as np
@@ -92,6 +92,11 @@ class CTuple:
         short = {INT: "i", LONG: "l", REAL: "r", BOOL: "b"}
         return "vs_tuple_" + "".join(short[item] for item in self.items)
 
+    @property
+    def fields(self) -> tuple[tuple[str, Any], ...]:
+        """Names and types of its members: v0, v1, ..."""
+        return tuple((f"v{k}", item) for k, item in enumerate(self.items))
+
 
 def c_name(kind: Any) -> str:
     """Return the name of a type in C; for an array that of its elements' type."""
@@ -118,17 +123,16 @@ def parameter(kind: Any, name: str, *, writes: bool) -> str:
     Args:
         writes: whether the function may change what its parameters refer to; if not, they refer to constants.
     """
-    if isinstance(kind, CArray):
-        return f"{'' if writes else 'const '}{declaration(kind, name)}"
-    if isinstance(kind, Struct):
-        return f"{'' if kind.mutable and writes else 'const '}{kind.name} *{name}"
-    return f"{c_name(kind)} {name}"
+    if not isinstance(kind, CArray | Struct):
+        return declaration(kind, name)
+    constant = "" if writes and is_by_reference(kind) else "const "
+    return constant + declaration(kind, f"*{name}" if isinstance(kind, Struct) else name)
 
 
 def joined(one: Any, other: Any) -> Any:
     """Return the narrowest type that holds values of both types; None if there is no such type.
 
-    Numbers widen in the order of bool, INT, LONG and REAL, and tuples item by item. Other types must be equal.
+    Numbers widen in the order of bool, INT, LONG and REAL. Other types must be equal.
 
     Args:
         one: a type, or None if it is not known yet; then ``other`` is returned.
@@ -136,12 +140,7 @@ def joined(one: Any, other: Any) -> Any:
     if one is None or one == other:
         return other
     order = (BOOL, INT, LONG, REAL)
-    if one in order and other in order:
-        return order[max(order.index(one), order.index(other))]
-    if isinstance(one, CTuple) and isinstance(other, CTuple) and len(one.items) == len(other.items):
-        items = tuple(joined(a, b) for a, b in zip(one.items, other.items, strict=True))
-        return None if None in items else CTuple(items)
-    return None
+    return order[max(order.index(one), order.index(other))] if one in order and other in order else None
 
 
 EMPTY: Final = (("unused", INT),)
@@ -192,11 +191,8 @@ def struct_of_arrays(name: str, declared: type, sizes: Mapping[str, int]) -> Str
 
 
 def typedef(kind: Struct | CTuple) -> str:
-    """Return the definition of a struct in C; items of a tuple are called v0, v1, ..."""
-    if isinstance(kind, CTuple):
-        lines = [f"    {declaration(item, f'v{k}')};" for k, item in enumerate(kind.items)]
-    else:
-        lines = [f"    {declaration(item, identifier(name))};" for name, item in kind.fields]
+    """Return the definition of a struct in C."""
+    lines = [f"    {declaration(item, identifier(name))};" for name, item in kind.fields]
     return "\n".join(["typedef struct {", *lines, f"}} {kind.name};"])
 
 
@@ -244,6 +240,8 @@ class Value:
     """For a whole number that might overflow 32 bits: its text as a floating-point number; else empty."""
     wide: str = ""
     """For a whole number that might overflow 32 bits: its text as a number of 64 bits; else empty."""
+    pointer: str = ""
+    """For a row that is a parameter: its name, which is a pointer in C."""
     root: str = ""
     """For a row or array: the parameter that it is, or is part of; empty if there is none."""
 
@@ -256,11 +254,8 @@ def literal(number: Number) -> Value:
         is_small = abs(number) < 2**31
         text = str(number) if is_small else f"INT64_C({number})"
         return Value(f"({text})" if number < 0 else text, INT if is_small else LONG, number)
-    if math.isnan(number):
-        return Value("VS_NAN", REAL, number)
-    if math.isinf(number):
-        return Value("VS_INFINITY" if number > 0 else "(-VS_INFINITY)", REAL, number)
-    return Value(f"VS_R({number!r})", REAL, number)
+    special = {"nan": "VS_NAN", "inf": "VS_INFINITY", "-inf": "(-VS_INFINITY)"}
+    return Value(special.get(repr(number), f"VS_R({number!r})"), REAL, number)
 
 
 def widened(text: str) -> Value:
@@ -278,33 +273,16 @@ def identifier(name: str) -> str:
     return f"{name}_" if plain in KEYWORDS or GENERATED.fullmatch(plain) else name
 
 
-def _pointer(text: str) -> str | None:
-    """Return ``p`` if the text of a row is ``(*p)``; else None."""
-    inner = text.removeprefix("(*").removesuffix(")")
-    return inner if text == f"(*{inner})" and inner.isidentifier() else None
-
-
 def address(value: Value) -> str:
-    """Return the text of the address of a row: ``p`` if its text is ``(*p)``, else ``&text``."""
-    return _pointer(value.text) or f"&{value.text}"
-
-
-def field_of(text: str, name: str) -> str:
-    """Return the text of a row's field: ``p->name`` if the row's text is ``(*p)``, else ``text.name``."""
-    pointer = _pointer(text)
-    return f"{text}.{identifier(name)}" if pointer is None else f"{pointer}->{identifier(name)}"
+    """Return the text of the address of a row."""
+    return value.pointer or f"&{value.text}"
 
 
 def bare(text: str) -> str:
     """Return an expression without a pair of parentheses around all of it."""
-    if not text.startswith("("):
-        return text
-    depth = 0
-    for place, character in enumerate(text):
-        depth += (character == "(") - (character == ")")
-        if depth == 0:  # the first parenthesis is closed here
-            return text[1:-1] if place == len(text) - 1 else text
-    return text
+    depths = list(accumulate((character == "(") - (character == ")") for character in text))
+    is_whole = text.startswith("(") and depths.index(0) == len(text) - 1
+    return text[1:-1] if is_whole else text
 
 
 def as_type(value: Value, kind: Any) -> str:

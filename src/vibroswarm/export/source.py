@@ -1,4 +1,4 @@
-"""The source of a function as a syntax tree, and the error that refuses a construct that cannot be exported."""
+"""The source of a function as a syntax tree, and the error that refuses what cannot be exported."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from types import FunctionType
 from typing import Any, Final
@@ -34,35 +34,23 @@ class Source:
     space: Mapping[str, Any]
     """Values of the global names that it may read."""
 
-    @cached_property
+    @property
     def names(self) -> list[str]:
         """Names of its arguments, in order."""
         return [argument.arg for argument in self.tree.args.args]
 
-    def refusal(self, node: ast.AST | None, why: str) -> InputError:
-        """Return the error that refuses a construct.
-
-        Args:
-            node: the construct, which gives the line; None: the function's first line. why: what is refused, in words
-                with which the message begins.
-        """
-        line = self.before + getattr(node, "lineno", 1)
-        return InputError(
-            f"{why}, in {self.function.__name__}: this cannot be exported; docs/export.md lists what can",
-            field=f"{self.file}, line {line}",
-        )
-
-    def refuse_arguments(self) -> None:
-        """Refuse arguments with default values or stars, keyword-only ones, and positional-only ones.
+    def require(self, condition: object, node: ast.AST) -> None:
+        """Refuse a construct unless a condition holds.
 
         Raises:
-            InputError: the function has such arguments.
+            InputError: the condition is false; file, line and construct are named.
         """
-        arguments = self.tree.args
-        if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.defaults:
-            raise self.refusal(self.tree, "arguments with defaults or stars")
-        if arguments.posonlyargs:
-            raise self.refusal(self.tree, "arguments before a slash")
+        if not condition:
+            text = ast.unparse(node).splitlines()[0][:60]
+            raise InputError(
+                f"'{text}', in {self.function.__name__}, cannot be exported; docs/export.md lists what can",
+                field=f"{self.file}, line {self.before + getattr(node, 'lineno', 1)}",
+            )
 
 
 def plain(function: Any) -> Any:
@@ -76,29 +64,23 @@ def is_function(value: Any) -> bool:
 
 
 @cache
-def _parsed(function: Callable[..., Any]) -> tuple[ast.FunctionDef, str, int]:
-    """Return a function's syntax tree, its file, and the number of lines before it in the file.
-
-    The tree is cached, so it must not be changed.
+def _parsed(function: Callable[..., Any]) -> tuple[ast.FunctionDef, str]:
+    """Return a function's syntax tree, and its file. The tree is cached, so it must not be changed.
 
     Raises:
         InputError: the source cannot be read, or is not that of a plain function.
     """
-    code = function.__code__
+    path = Path(function.__code__.co_filename)
+    name = path.relative_to(PACKAGE.parent).as_posix() if path.is_relative_to(PACKAGE.parent) else str(path)
     try:
-        name = Path(code.co_filename).relative_to(PACKAGE.parent).as_posix()
-    except ValueError:  # a user's file
-        name = code.co_filename
-    try:
-        text = textwrap.dedent(inspect.getsource(function))
-        tree = ast.parse(text).body[0]
+        tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
     except (OSError, SyntaxError, TypeError):
-        raise InputError(
-            f"{function.__name__}: its source cannot be read, so it cannot be exported", field=name
-        ) from None
+        tree = None
     if not isinstance(tree, ast.FunctionDef):
-        raise InputError(f"{function.__name__} is not a plain function", field=name)
-    return tree, name, code.co_firstlineno - 1
+        raise InputError(
+            f"{function.__name__}: its source cannot be read, or it is no plain function", field=name
+        )
+    return tree, name
 
 
 def source_of(function: Any, instead: Mapping[str, Any] | None = None) -> Source:
@@ -110,9 +92,9 @@ def source_of(function: Any, instead: Mapping[str, Any] | None = None) -> Source
         InputError: the source cannot be read, or is not that of a plain function.
     """
     found = plain(function)
-    tree, file, before = _parsed(found)
+    tree, file = _parsed(found)
     return Source(
-        function=found, tree=tree, file=file, before=before, space={**found.__globals__, **(instead or {})}
+        found, tree, file, found.__code__.co_firstlineno - 1, {**found.__globals__, **(instead or {})}
     )
 
 
@@ -123,16 +105,9 @@ def number_of(value: Any) -> Number | None:
     return next((kind(value) for kind, own in kinds if isinstance(value, own)), None)
 
 
-def without_docstring(body: list[ast.stmt]) -> list[ast.stmt]:
-    """Return the statements of a function without its docstring."""
-    first = body[0] if body else None
-    is_text = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
-    return body[1:] if is_text and isinstance(first.value.value, str) else body  # type: ignore[union-attr]
-
-
 MATH: Final[dict[str, int]] = {
     "sqrt": 1, "exp": 1, "log": 1, "log1p": 1, "sin": 1, "cos": 1, "tan": 1, "atan": 1, "erf": 1, "erfc": 1,
-    "lgamma": 1, "atan2": 2, "floor": 1, "ceil": 1, "isnan": 1, "degrees": 1, "radians": 1,
+    "lgamma": 1, "atan2": 2, "floor": 1, "ceil": 1, "isnan": 1,
 }  # fmt: skip
 """Functions of ``math`` that an exported function may call, and their numbers of arguments."""
 
