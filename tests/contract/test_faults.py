@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from helpers.drawn_scenarios import QUICK
+from helpers.plain_reference import differences, plain_run
 from helpers.result_outcomes import assert_same_outcomes, from_result
 from helpers.walk_checks import assert_engines_agree
 from vibroswarm.errors import InputError
@@ -27,8 +28,6 @@ from vibroswarm.simulation import replay, simulate
 from vibroswarm.strategies.base import forget
 from vibroswarm.study.scenario_words import warnings_of
 from vibroswarm.study.spec import Study
-from vibroswarm.testing import plain_run
-from vibroswarm.testing.runs import differences
 
 VOTER = Path(__file__).parents[2] / "examples" / "strategies" / "voter.py"
 SENSORS = {"stuck_at_1": 0.4, "stuck_at_0": 0.2, "biased": 0.6, "false_positive_shift": 0.3,

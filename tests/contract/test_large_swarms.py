@@ -7,10 +7,9 @@ from typing import Any
 
 import pytest
 
+from helpers.plain_reference import differences, plain_run
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
-from vibroswarm.testing import plain_run
-from vibroswarm.testing.runs import differences
 
 IDEAL = {"network.name": "ideal"}
 LOSS = {"network.name": "loss", "network.loss.share": 0.1}

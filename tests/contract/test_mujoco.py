@@ -66,7 +66,6 @@ def test_they_keep_the_contract(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (motion_checks, motion_tables):
         monkeypatch.setattr(module, "CASES", cases)
         monkeypatch.setattr(module, "SHORT_CASE", cases[CASES.index(SHORT_CASE)])
-    monkeypatch.setattr(motion_tables, "SHORT_S", max(share * motion_tables.SHORT_S, 6.0))
     broken = [finding for finding in check_motion(WHEELS.name) if not finding.holds]
     assert not broken
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from helpers.plain_reference import equals_plain
 from vibroswarm import networks, strategies
 from vibroswarm.core.jit import PLAIN
 from vibroswarm.inference.generated_kernels import kernels
@@ -14,7 +15,6 @@ from vibroswarm.networks import Network
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import u
-from vibroswarm.testing.runs import equals_plain
 
 VALUES: dict[str, Any] = {"run.t_end_s": 100.0, "decision.min_observations": 20, "decision.hold_s": 5.0}
 

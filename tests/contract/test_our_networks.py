@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from helpers.plain_reference import equals_plain
 from vibroswarm import networks
 from vibroswarm.analysis.message_log import LOST, OWN, MessageLog, message_log
 from vibroswarm.inference.agents import send_draws
@@ -21,7 +22,6 @@ from vibroswarm.paper.columns import published
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
-from vibroswarm.testing.runs import equals_plain
 
 BASE = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 20})
 TABLES = ("inference", "robots", "runs")

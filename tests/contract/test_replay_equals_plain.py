@@ -15,14 +15,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from helpers.drawn_scenarios import QUICK, Draw, draws
+from helpers.plain_reference import differences, plain_run
 from vibroswarm.result import Result
 from vibroswarm.scenario.plugins import load_file
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import Strategy, array, register, u
 from vibroswarm.strategies.base import forget
-from vibroswarm.testing import check_strategy, plain_run
-from vibroswarm.testing.runs import differences
+from vibroswarm.testing import check_strategy
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "strategies"
 

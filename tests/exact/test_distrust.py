@@ -13,13 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.example_strategies import load_example, module_of
+from helpers.plain_reference import differences, plain_run
 from vibroswarm.inference.agents import world_of
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies.bayes import GATE_OWN, GATE_RECEIVED, GATE_TOTAL
 from vibroswarm.study.fault_tolerance import judged_tables
-from vibroswarm.testing import plain_run
-from vibroswarm.testing.runs import differences
 
 distrust = module_of("distrust")
 begin, on_message, on_sample = distrust.begin, distrust.on_message, distrust.on_sample

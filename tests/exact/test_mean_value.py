@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers.plain_reference import equals_plain
 from vibroswarm import load_code, preset, simulate
 from vibroswarm.analysis.figures import run_figures
 from vibroswarm.documents.run import result_document
 from vibroswarm.strategies import base
-from vibroswarm.testing.runs import equals_plain
 
 FILE = Path(__file__).parents[2] / "examples/kinds/mean_value.py"
 VALUES = {

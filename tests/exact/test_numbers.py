@@ -11,10 +11,10 @@ import polars as pl
 import pytest
 from scipy.stats import norm
 
+from helpers.plain_reference import equals_plain
 from vibroswarm import Result, Scenario, preset, simulate, strategies
 from vibroswarm.sensors import SensorModel, forget, register
 from vibroswarm.strategies import Strategy
-from vibroswarm.testing.runs import equals_plain
 from vibroswarm.testing.sensor import check_sensor
 
 

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from numba import njit
 
 from helpers.exported_robots import STRICT
-from helpers.plain_program import zero
 from vibroswarm.errors import InputError
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_types import (
@@ -268,14 +267,3 @@ def with_keywords(x: float) -> float:
     short_ = short + x
     log = math.log(short_)
     return log
-
-
-@pytest.mark.parametrize(("kind", "wrapped"), [("uint8_t", 44), ("int16_t", 300), ("int32_t", 300)])
-def test_short_whole_numbers_of_the_plain_program_wrap_as_in_c(kind: str, wrapped: int) -> None:
-    found = zero(CArray(kind, (2,)))
-    found[0] = 200
-    found[0] += 100
-    assert found[0] == wrapped
-    found[1] = 2**32 - 1
-    assert found[1] == (255 if kind == "uint8_t" else -1)
-    assert found[1] * 2**40 == (255 if kind == "uint8_t" else -1) * 2**40, "it is computed with as 64 bits"

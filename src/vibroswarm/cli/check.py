@@ -14,7 +14,6 @@ KINDS: Final = {
     "task": "task",
     "sensor": "sensor",
     "motion": "motion source",
-    "method": "method of search",
 }
 """Values of ``--kind``, and their names in messages."""
 
@@ -24,16 +23,15 @@ def check(
     /,
     *,
     kind: Annotated[
-        Literal["strategy", "network", "task", "sensor", "motion", "method"] | None,
+        Literal["strategy", "network", "task", "sensor", "motion"] | None,
         Option("{names}, if several have that name", "KIND"),
     ] = None,
     json: Json = False,
 ) -> int:
-    """Check a strategy, network, task, sensor, motion source or method of search.
+    """Check a strategy, network, task, sensor or motion source.
 
-    It must compile, repeat (also in another process), give the same results in plain Python, and return
-    what it should. Its kind is detected. The exit code is 1 if a check fails; one that only warns does not count as
-    failed.
+    It must compile, repeat, give the same results in another process in plain Python, and return what it should.
+    Its kind is detected. The exit code is 1 if a check fails; one that only warns does not count as failed.
 
     examples:
       vibroswarm check voter.py:voter
@@ -41,9 +39,12 @@ def check(
       vibroswarm check event
     """
     from vibroswarm.documents.check import check_document
+    from vibroswarm.errors import InputError
     from vibroswarm.testing import CHECKS
 
     kind_found, known_name = _kind_and_name(kind, name)
+    if kind_found not in CHECKS:
+        raise InputError(f"is a {kind_found}, which is not checked", field="NAME")
     results = CHECKS[kind_found](known_name)
     failed = any(not result.holds and not result.is_warning for result in results)
     rows = [(result.what, result.holds, result.is_warning, result.why) for result in results]
@@ -61,7 +62,6 @@ def _kind_and_name(kind: str | None, text: str) -> tuple[str, str]:
     Raises:
         InputError: nothing has that name, or several kinds have it, or the file cannot be loaded.
     """
-    import vibroswarm.optimize.spec  # registers the methods
     import vibroswarm.simulation  # noqa: F401  (registers the engines)
     from vibroswarm.errors import InputError, nearest
     from vibroswarm.scenario import plugins

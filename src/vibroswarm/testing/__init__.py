@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from vibroswarm.testing.method import check_method
 from vibroswarm.testing.motion import check_motion
 from vibroswarm.testing.network import check_network
-from vibroswarm.testing.plain_reference import PlainRun, plain_run
 from vibroswarm.testing.runs import Finding
 from vibroswarm.testing.sensor import check_sensor
 from vibroswarm.testing.strategy import check_strategy
@@ -20,19 +18,15 @@ CHECKS: Final[Mapping[str, Callable[[str], list[Finding]]]] = {
     "task": check_task,
     "sensor": check_sensor,
     "motion": check_motion,
-    "method": check_method,
 }
 """The check of each kind."""
 
 __all__ = [
     "CHECKS",
     "Finding",
-    "PlainRun",
-    "check_method",
     "check_motion",
     "check_network",
     "check_sensor",
     "check_strategy",
     "check_task",
-    "plain_run",
 ]

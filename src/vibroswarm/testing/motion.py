@@ -14,7 +14,6 @@ import inspect
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -22,16 +21,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.numbers import number, stated
-from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.core.numbers import number
 from vibroswarm.motion.footprint import half_extents, overlap
-from vibroswarm.motion.source import Motion, Source
+from vibroswarm.motion.source import Motion, Source, Tolerance
 from vibroswarm.motion.source import source as source_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.testing.motion_cases import CASES, SHORT_CASE, Case, Check, fitted, motion_of, ticks_of
 from vibroswarm.testing.motion_tables import KINDS, TABLE_CHECKS, check_runs_differ
-from vibroswarm.testing.runs import Finding, Pieces, require, run_check, run_checks, same_elsewhere
+from vibroswarm.testing.runs import Finding, require, run_check
 
 Floats = NDArray[np.float64]
 """An array of floating-point numbers."""
@@ -74,21 +71,14 @@ class Track:
     def after(self, k: NDArray[np.intp], dt_s: Floats) -> Floats:
         """Return the poses (n, 3) at times ``dt_s`` (n,) after the start of the segments ``k`` (n,).
 
-        They are the start plus the integral of v (cos, sin)(h + w t), with speed v, heading h and turn rate w. For an
-        angle w t of almost 0, the integral is that along a straight line of the mean heading.
+        They are the start plus the integral of v (cos, sin)(h + w t), with speed v, heading h and turn rate w: a chord
+        of length v t sin(w t / 2) / (w t / 2), along the mean heading.
         """
         x, y, heading = self.pose[k].T
-        v, w = self.speed[k], self.rate[k]
-        turned = heading + w * dt_s
-        slow = np.abs(w * dt_s) < 1e-7
-        radius = v / np.where(slow, 1.0, w)  # 1.0: no division by 0 where the radius is not used
-        along_x = np.where(
-            slow, v * dt_s * np.cos(heading + w * dt_s / 2), radius * (np.sin(turned) - np.sin(heading))
-        )
-        along_y = np.where(
-            slow, v * dt_s * np.sin(heading + w * dt_s / 2), radius * (np.cos(heading) - np.cos(turned))
-        )
-        return np.stack([x + along_x, y + along_y, turned], axis=1)
+        half = self.rate[k] * dt_s / 2
+        chord = self.speed[k] * dt_s * np.sinc(half / math.pi)
+        ahead = heading + half
+        return np.stack([x + chord * np.cos(ahead), y + chord * np.sin(ahead), heading + 2 * half], axis=1)
 
 
 def tracks(motion: Motion, run: int) -> dict[int, Track]:
@@ -97,21 +87,15 @@ def tracks(motion: Motion, run: int) -> dict[int, Track]:
     Raises:
         AssertionError: the motion has no table of segments.
     """
-    if motion.segments is None:
-        raise AssertionError(f"there are no segments of run {run}")
+    require(motion.segments is not None, f"there are no segments of run {run}")
     by_robot = {}
+    own = motion.segments.filter(pl.col("run") == run)  # type: ignore[union-attr]
     # Segments are sorted by time, and group_by keeps this order within each robot.
-    for (robot,), rows in motion.segments.filter(pl.col("run") == run).group_by("robot", maintain_order=True):
-        column = {name: rows[name].to_numpy() for name in rows.columns if name != "kind"}
-        pose = np.stack([column["x_m"], column["y_m"], column["heading_rad"]], axis=1)
-        kind = np.array(rows["kind"].to_list())  # as texts: the column is an enumeration
-        by_robot[int(robot)] = Track(
-            start_s=column["start_s"],
-            pose=pose,
-            speed=column["speed_m_s"],
-            rate=column["turn_rate_rad_s"],
-            kind=kind,
-        )
+    for (robot,), rows in own.group_by("robot", maintain_order=True):
+        columns = (rows[name].to_numpy() for name in ("start_s", "speed_m_s", "turn_rate_rad_s"))
+        start_s, speed, rate = columns
+        pose = rows.select("x_m", "y_m", "heading_rad").to_numpy()
+        by_robot[int(robot)] = Track(start_s, pose, speed, rate, np.array(rows["kind"].to_list()))
     return by_robot
 
 
@@ -124,8 +108,8 @@ def at_all_ticks(motion: Motion, scenario: Scenario, run: int) -> tuple[Floats, 
     times: Floats = np.arange(scenario.ticks, dtype=np.float64) * scenario.tick_s
     by_robot = tracks(motion, run)
     require(sorted(by_robot) == list(range(scenario.swarm.robots)), f"a robot of run {run} has no segments")
-    sampled = [by_robot[robot].at(times) for robot in sorted(by_robot)]
-    return np.stack([pose for pose, _ in sampled]), np.stack([kind for _, kind in sampled])
+    poses, kinds = zip(*(by_robot[robot].at(times) for robot in sorted(by_robot)), strict=True)
+    return np.stack(poses), np.stack(kinds)
 
 
 def gap_of(poses: Floats, others: Floats) -> Floats:
@@ -146,6 +130,7 @@ class RobotOfRun(NamedTuple):
     """Chooses the rows of the robot in the run, in any table."""
     samples: pl.DataFrame
     track: Track
+    tolerance: Tolerance
 
 
 def robots_of(source: Source) -> Iterator[RobotOfRun]:
@@ -160,23 +145,9 @@ def robots_of(source: Source) -> Iterator[RobotOfRun]:
             for robot, track in tracks(motion, run).items():
                 label = f"{case.name}: run {run}, robot {robot}"
                 own = (pl.col("run") == run) & (pl.col("robot") == robot)
-                yield RobotOfRun(case, label, motion, own, motion.samples.filter(own), track)
-
-
-def _check_spent(one: RobotOfRun, kinds: NDArray[np.str_], words: str) -> None:
-    """Require that drive_s, turn_s, avoid_s and stop_s of all samples are the times spent in these kinds of movement.
-
-    Args:
-        kinds: what the robot does in the control period that begins at each tick, (ticks,). words: for messages, what
-            states the kinds.
-    """
-    ends = ticks_of(one.samples["time_s"], one.case.scenario)
-    for kind in KINDS:
-        # Ticks that the robot has spent in movement of this kind from the start up to each sample.
-        total = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
-        spent = ticks_of(one.samples[f"{kind}_s"], one.case.scenario)
-        is_equal = (np.diff(total, prepend=0) == spent).all()
-        require(is_equal, f"{one.label}: {kind}_s differs from the time in such {words}")
+                yield RobotOfRun(
+                    case, label, motion, own, motion.samples.filter(own), track, source.tolerance
+                )
 
 
 def check_time_accounts(source: Source) -> None:
@@ -186,51 +157,42 @@ def check_time_accounts(source: Source) -> None:
     """
     for one in robots_of(source):
         s = one.case.scenario
-        times: Floats = np.arange(s.ticks, dtype=np.float64) * s.tick_s
-        _check_spent(one, one.track.at(times)[1], "segments")
+        kinds = one.track.at(np.arange(s.ticks) * s.tick_s)[1]
+        ends = ticks_of(one.samples["time_s"], s)
+        for kind in KINDS:
+            # Ticks that the robot has spent in movement of this kind from the start up to each sample.
+            total = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
+            is_equal = (np.diff(total, prepend=0) == ticks_of(one.samples[f"{kind}_s"], s)).all()
+            require(is_equal, f"{one.label}: {kind}_s differs from the time in such segments")
+
+
+def _require_near(one: RobotOfRun, poses: Floats, others: Floats, extra: Floats | float, words: str) -> None:
+    """Require that poses (n, 3) are equal, but for rounding and what the source allows."""
+    gap = np.abs(gap_of(poses, others))
+    is_near = (gap < NEAR_M + one.tolerance.arc + extra).all()
+    require(is_near, f"{one.label} {words}, by {number(gap.max(initial=0.0), digits=2)} m or rad")
 
 
 def check_segments_join(source: Source) -> None:
-    """Each segment ends where the next begins: nobody jumps.
-
-    The first segment begins at time 0.
-    """
+    """Each segment ends where the next begins: nobody jumps. The first segment begins at time 0."""
     for one in robots_of(source):
         track = one.track
-        k = np.arange(track.start_s.size - 1)
-        gap = gap_of(track.after(k, np.diff(track.start_s)), track.pose[1:])
-        gap_m = np.abs(gap).max(initial=0.0)
-        require(
-            gap_m < NEAR_M + source.tolerance.arc, f"{one.label} jumps, by {number(gap_m, digits=2)} m or rad"
-        )
-        require(
-            track.start_s[0] == 0.0, f"{one.label}: its first segment begins at {stated(track.start_s[0])} s"
-        )
+        arrived = track.after(np.arange(track.start_s.size - 1), np.diff(track.start_s))
+        _require_near(one, arrived, track.pose[1:], 0.0, "jumps")
+        require(track.start_s[0] == 0.0, f"{one.label}: its first segment does not begin at 0 s")
 
 
 def check_poses_at_samples(source: Source) -> None:
-    """The segments put a robot where its sample is, and it stands there since the stop began.
-
-    One tick before the stop it does not stand: the sample timer must exceed the interval between samples, and does not
-    run in stops, so that a robot moves before each of them.
-    """
-    allowed_m = NEAR_M + source.tolerance.arc
-    # Between the start of a stop and its sample the robot may roll or be pushed: x, y, heading.
-    rolled = np.array([source.tolerance.stop_m, source.tolerance.stop_m, source.tolerance.stop_rad])
+    """The segments put a robot where its sample is, and it stands there since the stop began."""
     for one in robots_of(source):
-        expected = one.samples.select("x_m", "y_m", "heading_rad").to_numpy()
+        places = one.samples.select("x_m", "y_m", "heading_rad").to_numpy()
+        # Between the start of a stop and its sample the robot may roll or be pushed: x, y, heading.
+        rolled = np.array([one.tolerance.stop_m, one.tolerance.stop_m, one.tolerance.stop_rad])
         for column, extra in (("time_s", np.zeros(3)), ("stop_start_s", rolled)):
             pose, kind = one.track.at(one.samples[column].to_numpy())
-            gap = np.abs(gap_of(pose, expected))
-            require(
-                (gap < allowed_m + extra).all(),
-                f"{one.label}: a sample is {number(gap.max(initial=0.0), digits=2)} m or rad from its segment, at "
-                f"{column}",
-            )
+            _require_near(one, pose, places, extra, f"is not where its sample is at {column}")
             # Also at ``time_s``: a robot walks on only one control period after it has sampled.
             require((kind == "stop").all(), f"{one.label} does not stand at {column}")
-        before = one.track.at(one.samples["stop_start_s"].to_numpy() - one.case.scenario.tick_s)[1]
-        require((before != "stop").all(), f"{one.label} stood before its stop")
 
 
 def check_bodies(source: Source) -> None:
@@ -261,36 +223,38 @@ def check_bodies(source: Source) -> None:
 
 
 def check_ends(source: Source) -> None:
-    """The ends are where and when the segments end, and say which stop is under way.
-
-    ``stop_start_s`` of an end is when the robot's last stop began, or null if the robot does not stand at the end.
-    """
-    for case in fitted(CASES, source):
-        ends, expected = motion_of(source, case).ends.height, len(case.runs) * case.scenario.swarm.robots
-        require(ends == expected, f"{case.name}: there are {ends} ends, not {expected}")
+    """The ends are where the segments end, and say when a stop began that is under way."""
     for one in robots_of(source):
-        track, s = one.track, one.case.scenario
-        (row,) = one.motion.ends.filter(one.own).to_dicts()
-        require(
-            abs(row["end_s"] - s.ticks * s.tick_s) < 1e-9, f"{one.label} ends at {stated(row['end_s'])} s"
-        )
-        last, end = np.array([track.start_s.size - 1]), np.array([row["end_s"]])
+        track, (row,) = one.track, one.motion.ends.filter(one.own).to_dicts()
         place = np.array([[row["x_m"], row["y_m"], row["heading_rad"]]])
-        gap_m = np.abs(gap_of(track.after(last, end - track.start_s[last]), place)).max()
-        require(
-            gap_m < NEAR_M + source.tolerance.arc,
-            f"{one.label} ends {number(gap_m, digits=2)} m or rad from its last segment",
+        last = np.array([track.start_s.size - 1])
+        _require_near(
+            one, track.after(last, row["end_s"] - track.start_s[last]), place, 0.0, "ends elsewhere"
         )
-        began_s = row["stop_start_s"]
-        if track.kind[-1] != "stop":
-            require(began_s is None, f"{one.label} walks at the end, and the ends say it stands")
-            continue
-        require(began_s is not None, f"{one.label} stands at the end, but the ends do not say so")
         # A stop may have several segments, because a robot may roll on: find the first after the last move.
         walked = np.flatnonzero(track.kind != "stop")
         first = int(walked[-1]) + 1 if walked.size else 0
-        began = abs(began_s - track.start_s[first]) < 1e-9
-        require(began, f"{one.label}: its last stop began at another time than the ends say")
+        began_s = track.start_s[first] if first < track.start_s.size else None
+        require(row["stop_start_s"] == began_s, f"{one.label}: the ends do not say whether it stands")
+
+
+def check_moves(source: Source) -> None:
+    """Moves begin where the segments put the robot, are of their kind, and have turned as far."""
+    for one in robots_of(source):
+        require(one.motion.moves is not None, f"{one.label}: there are no moves")
+        moves, track = one.motion.moves.filter(one.own), one.track  # type: ignore[union-attr]
+        start = moves["start_s"].to_numpy()
+        pose, kind = track.at(start)
+        places = moves.select("x_m", "y_m", "heading_rad").to_numpy()
+        _require_near(one, pose, places, 0.0, "begins a move elsewhere")
+        require((kind == np.array(moves["kind"].to_list())).all(), f"{one.label}: a move is of another kind")
+        # Angle turned from time 0 to the start of each move: up to the start of segment k, then within it.
+        before = np.concatenate([[0.0], np.cumsum(track.rate[:-1] * np.diff(track.start_s))])
+        k = np.searchsorted(track.start_s, start, side="right") - 1
+        turned = np.diff(before[k] + track.rate[k] * (start - track.start_s[k]))
+        error = np.abs(turned - moves["turned_rad"].to_numpy()[:-1])
+        allowed = 1e-8 + one.tolerance.arc * (1 + np.diff(k))  # once for each segment that the move overlaps
+        require((error < allowed).all(), f"{one.label}: turned_rad is not what the segments turn")
 
 
 SEGMENT_CHECKS: Final[tuple[Check, ...]] = (
@@ -303,94 +267,7 @@ SEGMENT_CHECKS: Final[tuple[Check, ...]] = (
 """Checks of sources that give segments."""
 
 
-def moves_of(one: RobotOfRun) -> pl.DataFrame:
-    """Return the rows of a robot's moves in a run, in their order in the table, which should be that of time.
-
-    Raises:
-        AssertionError: there is no table of moves, or the robot has none in it.
-    """
-    if one.motion.moves is None:
-        raise AssertionError(f"{one.label}: there are no moves")
-    own = one.motion.moves.filter(one.own)
-    require(own.height > 0, f"{one.label} has no moves")
-    return own
-
-
-def check_moves_lead_to_the_next(source: Source) -> None:
-    """The arc of a move ends where the next begins, and turned_rad is what was turned, whole turns included.
-
-    The last move ends where the table of ends puts the robot. ``turned_rad`` of a move is compared with the angle that
-    the robot's segments turn during the move.
-    """
-    for one in robots_of(source):
-        moves, track = moves_of(one), one.track
-        (end,) = one.motion.ends.filter(one.own).to_dicts()
-        # (moves + 1,): start of each move, s, then the end of the last move. Differences are the durations.
-        start = np.append(moves["start_s"].to_numpy(), end["end_s"])
-        pose = moves.select("x_m", "y_m", "heading_rad").to_numpy()
-        last = [end["x_m"], end["y_m"], end["heading_rad"]]
-        speed, rate = (moves[name].to_numpy() for name in ("speed_m_s", "turn_rate_rad_s"))
-        # A move is an arc, as a segment is. So a ``Track`` whose rows are moves computes where each move ends.
-        # ``after`` only reads the rows of ``pose``, ``speed`` and ``rate``, so that the additional last element
-        # of ``start`` does not matter.
-        along = Track(start, pose, speed, rate, kind=np.array(moves["kind"].to_list()))
-        arrived = along.after(np.arange(moves.height), np.diff(start))
-        # Each move has to end at the start of the next move, and the last move at the robot's last pose.
-        gap_m = np.abs(gap_of(arrived, np.concatenate([pose[1:], [last]]))).max()
-        require(
-            gap_m < NEAR_M + source.tolerance.arc,
-            f"{one.label}: a move ends {number(gap_m, digits=2)} m or rad from where the next begins",
-        )
-        # Angle (rad) that the robot has turned from time 0 to the start of each segment, (segments,).
-        turned_to_segment = np.concatenate([[0.0], np.cumsum(track.rate[:-1] * np.diff(track.start_s))])
-        # k: the last segment that has started at the start of each move, and at the end of the last move.
-        k = np.searchsorted(track.start_s, start, side="right") - 1
-        # Angle turned from time 0 to each time in ``start``: up to the start of segment k, then within it.
-        # Differences of successive elements are what the segments turn during each move.
-        turned_before = turned_to_segment[k] + track.rate[k] * (start - track.start_s[k])
-        error = np.abs(np.diff(turned_before) - moves["turned_rad"].to_numpy())
-        # In rad: 1e-8 for rounding, and the source's tolerance once for each segment that the move overlaps.
-        # There are 1 + diff(k) of them, from the segment at the start of the move to the one at its end.
-        allowed = 1e-8 + source.tolerance.arc * (1 + np.diff(k))
-        require(
-            (error < allowed).all(),
-            f"{one.label}: turned_rad is {number(error.max(), digits=2)} rad from what the segments turn",
-        )
-
-
-def check_moves_account_for_time(source: Source) -> None:
-    """The moves between two samples last as long as drive_s, turn_s, avoid_s and stop_s say.
-
-    The first move begins at time 0, and the last move lasts until the end of the run.
-    """
-    for one in robots_of(source):
-        moves, s = moves_of(one), one.case.scenario
-        start = np.append(ticks_of(moves["start_s"], s), s.ticks)
-        require(start[0] == 0, f"{one.label}: its first move does not begin at 0 s")
-        _check_spent(one, np.repeat(np.array(moves["kind"].to_list()), np.diff(start)), "moves")
-
-
-def check_rays_of_moves(source: Source) -> None:
-    """ray_m is given where an avoidance begins, and for no other kind of move.
-
-    An avoidance that follows a stop, or another one, may be the rest of one that began before.
-    """
-    for one in robots_of(source):
-        moves, is_avoid = moves_of(one), pl.col("kind") == "avoid"
-        follows = pl.col("kind").shift(1).cast(pl.String).fill_null("drive")  # the kind of the move before
-        is_given, begins = pl.col("ray_m").is_not_null(), is_avoid & follows.is_in(["drive", "turn"])
-        strange = moves.filter(is_given & ~is_avoid)["kind"].cast(pl.String).unique().to_list()
-        require(not strange, f"{one.label}: a move has ray_m, and is no avoidance but: {', '.join(strange)}")
-        require(
-            moves.filter(begins & ~is_given).is_empty(), f"{one.label}: an avoidance begins without ray_m"
-        )
-
-
-MOVE_CHECKS: Final[tuple[Check, ...]] = (
-    check_moves_lead_to_the_next,
-    check_moves_account_for_time,
-    check_rays_of_moves,
-)
+MOVE_CHECKS: Final[tuple[Check, ...]] = (check_moves,)
 """Checks of sources that give segments and moves."""
 
 WARNINGS_ONLY: Final = (check_runs_differ,)
@@ -408,35 +285,16 @@ def check_motion(name: str) -> list[Finding]:
         InputError: there is no such source.
     """
     source = source_of(name)  # one object for all checks, because ``motion_of`` caches motion by source
-    findings = [
-        run_check(words_of(check), lambda check=check: check(source), check in WARNINGS_ONLY)  # type: ignore[misc]
-        for check in _applicable(source)
-    ]
-    elsewhere = run_checks({"The same in another process": partial(same_elsewhere, "motion", _pieces)}, name)
-    return findings + elsewhere
-
-
-def _pieces(name: str) -> Pieces:
-    return {f"run {run}": partial(_text_of, name, run) for run in (2, 7)}
-
-
-def _text_of(name: str, run: int) -> bytes:
-    return csv_bytes(source_of(name).batch(SHORT_CASE.scenario, SHORT_CASE.seed, [run]).samples)
-
-
-def words_of(check: Check) -> str:
-    """Return what a check requires: the first line of its docstring, without its full stop."""
-    return (inspect.getdoc(check) or check.__name__).splitlines()[0].rstrip(".")
-
-
-def _applicable(source: Source) -> Iterator[Check]:
-    """Yield the checks for the tables that this source gives; only ``TABLE_CHECKS`` if it cannot be simulated."""
-    yield from TABLE_CHECKS
-    try:
+    findings = [_finding(check, source) for check in TABLE_CHECKS]
+    if findings[0].holds:  # else its tables cannot be read
         motion = motion_of(source, SHORT_CASE)
-    except (InputError, RunError):  # the first of TABLE_CHECKS meets the same error, and reports it
-        return
-    if motion.segments is not None:
-        yield from SEGMENT_CHECKS
-        if motion.moves is not None:
-            yield from MOVE_CHECKS
+        more = SEGMENT_CHECKS if motion.segments is not None else ()
+        more += MOVE_CHECKS if motion.segments is not None and motion.moves is not None else ()
+        findings += [_finding(check, source) for check in more]
+    return findings
+
+
+def _finding(check: Check, source: Source) -> Finding:
+    """Return the finding of a check, which requires what the first line of its docstring says."""
+    what = (inspect.getdoc(check) or check.__name__).splitlines()[0].rstrip(".")
+    return run_check(what, lambda: check(source), is_warning=check in WARNINGS_ONLY)  # type: ignore[func-returns-value]

@@ -144,11 +144,15 @@ def fitted(cases: Sequence[Case], source: Source) -> list[Case]:
     """
     if source.footprint_m is None:
         return list(cases)
-    sides, least_m = ("arena.width_m", "arena.height_m"), 2.05 * math.hypot(*source.footprint_m)
+    least_m = 2.05 * math.hypot(*source.footprint_m)
     wider = [
-        {side: max(case.values[side], least_m) for side in sides if side in case.values} for case in cases
+        {
+            k: max(v, least_m) if k in ("arena.width_m", "arena.height_m") else v
+            for k, v in case.values.items()
+        }
+        for case in cases
     ]
-    return [replace(case, values=case.values | values) for case, values in zip(cases, wider, strict=True)]
+    return [replace(case, values=values) for case, values in zip(cases, wider, strict=True)]
 
 
 @lru_cache(maxsize=64)
@@ -163,27 +167,12 @@ def same(one: Motion, other: Motion, words: str = "") -> None:
     Args:
         words: what is compared; it is put before the error message.
     Raises:
-        AssertionError: the motions differ; the first difference is named.
+        AssertionError: the motions differ.
     """
-    prefix = f"{words}: " if words else ""
     for name in ("samples", "ends", "segments", "moves"):
-        first, second = getattr(one, name), getattr(other, name)
-        require((first is None) == (second is None), f"{prefix}{name} exist in only one of the two")
-        if first is None:
-            continue
-        require(first.schema == second.schema, f"{prefix}columns of the {name} have different types")
-        require(
-            first.height == second.height,
-            f"{prefix}{first.height} rows of {name} in one motion, and {second.height} in the other",
-        )
-        for column in first.columns:
-            differs = first[column].ne_missing(second[column])
-            if differs.any():
-                row = int(differs.arg_true()[0])
-                a, b = first[column][row], second[column][row]
-                raise AssertionError(
-                    f"{prefix}{column} in row {row} of the {name} is {a!r} in one motion, and {b!r} in the other"
-                )
+        tables = [table for table in (getattr(one, name), getattr(other, name)) if table is not None]
+        is_equal = not tables or (len(tables) == 2 and tables[0].equals(tables[1]))
+        require(is_equal, f"{words}: the {name} of the two differ".removeprefix(": "))
 
 
 def ticks_of(values: pl.Series, scenario: Scenario) -> NDArray[np.int64]:

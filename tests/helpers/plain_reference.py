@@ -20,22 +20,23 @@ import math
 from collections import namedtuple
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.rng import Purpose
-from vibroswarm.errors import InputError, shown
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.inference.replay import classes_and_values
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import weighed
 from vibroswarm.observation.observe import reads_energies
+from vibroswarm.result import Result
 from vibroswarm.scenario.fault_draws import onset_s, working
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import simulate
 from vibroswarm.strategies import Strategy
 from vibroswarm.strategies.base import arrays_of
 from vibroswarm.strategies.world import DetailedReading, Draws, Reading, World
@@ -92,15 +93,6 @@ class PlainMessage:
     """Tick from which its receiver can read it."""
 
 
-class TooEarly(NamedTuple):
-    """A message that, by its network, could be read at or before the tick at which it was sent."""
-
-    sender: int
-    receiver: int
-    tick: int
-    arrival_tick: int
-
-
 @dataclass
 class PlainRun:
     """Result of ``plain_run``: a row per sample, in order of time and robot, and the robots at the end."""
@@ -108,8 +100,6 @@ class PlainRun:
     rows: list[dict[str, Any]]
     """Keys: robot, sample (its number), sends, message, state, messages_received, belief_below, decision (opinion)."""
     robots: list[PlainRobot]
-    too_early: list[TooEarly]
-    """Messages delayed to the next tick, although the network gave an earlier one."""
 
 
 def plain_run(
@@ -151,7 +141,7 @@ class _Plain:
         self.params = SimpleNamespace(**scenario.strategy.params.model_dump())
         self.network = network_of(scenario.network.name)
         self.network_params = SimpleNamespace(**scenario.network.params.model_dump())
-        self.network_state, self.too_early = _new_row(self.network.state_type), list[TooEarly]()
+        self.network_state = _new_row(self.network.state_type)
         network_arrays = self.network.arrays_of(scenario.network.params, sizes_of(scenario))
         self.network_arrays = SimpleNamespace(**network_arrays)
         self.tick_ms = scenario.run.control_period_ms
@@ -245,13 +235,13 @@ class _Plain:
                     if robot.number != message.sender and arrivals[robot.number] >= 0:
                         robot.unread.append(replace(message, arrival_tick=arrivals[robot.number]))
         self.decide_if_agreed(self.end)
-        return PlainRun(self.rows, self.robots, self.too_early)
+        return PlainRun(self.rows, self.robots)
 
     def arrivals(self, message: PlainMessage) -> list[int]:
         """Return, for each robot, the tick from which it can read a message; -1: never.
 
-        Arrivals at or before the tick of sending are noted in ``too_early`` and delayed to the tick after sending. The
-        entry of the sender itself has no meaning.
+        Arrivals at or before the tick of sending are delayed to the tick after sending. The entry of the sender itself
+        has no meaning.
         """
         i, tick, number = message.sender, message.tick, message.number
         if self.network.send is None:  # then messages arrive at the next tick, unless ``lost`` loses them
@@ -264,9 +254,6 @@ class _Plain:
             arrival_ticks, draws, self.network_params, self.robots[i].world,
         )  # fmt: skip
         ticks: list[int] = arrival_ticks.tolist()
-        for receiver, arrival in enumerate(ticks):
-            if receiver != i and arrival != -1 and arrival <= tick:
-                self.too_early.append(TooEarly(sender=i, receiver=receiver, tick=tick, arrival_tick=arrival))
         return [arrival if arrival < 0 else max(arrival, tick + 1) for arrival in ticks]
 
     def places(self, tick: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -299,9 +286,7 @@ class _Plain:
             return False
         sender, number = message.sender, message.number
         draws = self.draws(robot.number, Purpose.LOSS, number, sender, PEER_BITS)
-        return is_true(
-            "lost", self.network.lost(sender, robot.number, draws, self.network_params, robot.world)
-        )
+        return bool(self.network.lost(sender, robot.number, draws, self.network_params, robot.world))
 
     def read(self, robot: PlainRobot, tick: int) -> None:
         """Pass the messages that have arrived by ``tick`` to the robot's strategy, and remove them from ``unread``.
@@ -363,7 +348,7 @@ class _Plain:
                 content.bit = 1 - content.bit
             else:
                 content.kind = (content.kind + 1) % robot.world.kinds
-        return is_true("on_sample or on_timer", sends) and not self.is_silent(robot, tick)
+        return bool(sends) and not self.is_silent(robot, tick)
 
     def sample(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
         """Call the strategy's ``on_sample`` and ``steer``, and record a row; return the message that is sent, or [].
@@ -456,8 +441,43 @@ def _new_row(kind: np.dtype[np.void]) -> Any:
     return np.zeros(1, kind).view(np.recarray)[0]
 
 
-def is_true(hook: str, value: object) -> bool:
-    """Return what a hook returned as a truth value; a probability, or None, is an error."""
-    if value not in (0, 1):
-        raise InputError(f"returned {shown(value)}; return True or False", field=hook)
-    return bool(value)
+def differences(result: Result, plain: PlainRun) -> list[str]:
+    """Return the columns in which a compiled run differs from the reference.
+
+    Args:
+        result: of one run. plain: of the same run; its rows are in the same order as those of ``result.inference``.
+    """
+    at_samples, at_end = result.inference, result.robots
+    states = [row["state"] for row in plain.rows]
+    compared: dict[str, tuple[pl.Series, list[Any]]] = {
+        name: (at_samples[name], [row[name] for row in plain.rows])
+        for name in ("robot", "sample", "messages_received", "decision", "belief_below")
+    }
+    if states and "bit" in plain.rows[0]["message"].dtype.names:  # only such messages are in the table
+        bits = [int(row["message"].bit) if row["sends"] else math.nan for row in plain.rows]
+        compared["message"] = at_samples["message"], bits
+    for name, attribute in {"decision_time_s": "decided_s"}.items() | {
+        (name, name) for name in ("decision", "sent", "samples", "messages_received", "belief_at_decision")
+    }:
+        compared[f"{name} at the end"] = at_end[name], [getattr(robot, attribute) for robot in plain.robots]
+    for name in ("alpha", "beta"):
+        if states and at_samples[name].null_count() == 0:
+            compared[name] = at_samples[name], [int(state[name]) for state in states]
+    if result.reports is not None:
+        rows = sorted(plain.rows, key=lambda row: (row["robot"], row["sample"]))
+        for (name,), reported in result.reports.group_by("name", maintain_order=True):
+            if states and name in states[0].dtype.names:
+                values = [value for row in rows for value in np.ravel(row["state"][str(name)]).tolist()]
+                compared[f"report {name}"] = reported["value"], values
+    return [
+        name
+        for name, (found, expected) in compared.items()
+        if not found.cast(pl.Float64).fill_null(math.nan).equals(pl.Series(found.name, expected, pl.Float64))
+    ]
+
+
+def equals_plain(scenario: Scenario, seed: int = 7) -> list[str]:
+    """Return where a run of a scenario differs from the reference."""
+    result = simulate(scenario, seed, 1, moves=True)
+    plain = plain_run(scenario, seed, result.motion, result.ends, result.observations, result.moves)
+    return differences(result, plain)
