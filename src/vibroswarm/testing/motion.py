@@ -157,7 +157,8 @@ def check_time_accounts(source: Source) -> None:
     """
     for one in robots_of(source):
         s = one.case.scenario
-        kinds = one.track.at(np.arange(s.ticks) * s.tick_s)[1]
+        times: Floats = np.arange(s.ticks, dtype=np.float64) * s.tick_s
+        kinds = one.track.at(times)[1]
         ends = ticks_of(one.samples["time_s"], s)
         for kind in KINDS:
             # Ticks that the robot has spent in movement of this kind from the start up to each sample.
@@ -297,4 +298,4 @@ def check_motion(name: str) -> list[Finding]:
 def _finding(check: Check, source: Source) -> Finding:
     """Return the finding of a check, which requires what the first line of its docstring says."""
     what = (inspect.getdoc(check) or check.__name__).splitlines()[0].rstrip(".")
-    return run_check(what, lambda: check(source), is_warning=check in WARNINGS_ONLY)  # type: ignore[func-returns-value]
+    return run_check(what, lambda: check(source), is_warning=check in WARNINGS_ONLY)
