@@ -13,19 +13,6 @@
 Of the veer, the wander is drawn at each sample, the drift is linear between values drawn every
 ``misalignment_drift_samples`` samples, and the spread is drawn once per run. The factors of all three are standard
 deviations.
-
-A turn in place is stable if the closed loop of the turn controller is stable:
-
-| name | symbol | unit | equation |
-|---|---|---|---|
-| turn gain | G | deg per tick and % | degrees turned in a control period by a command of 1 %, of the fastest robot |
-| gains | Kp, Ki | %/deg, %/(deg s) | `walk.turn_gain_percent_per_deg`, `walk.turn_integral_gain_percent_per_deg_s` |
-| loop | e, I | deg, deg s | e' = e - G (Kp e + Ki I), I' = I + dt e' below full command, as in `robot.walk` |
-| bound | - | - | all eigenvalues are within the unit circle if and only if G (2 Kp + dt Ki) < 4 (Jury's criterion) |
-
-If turns are not stable, each step enlarges rounding errors: after some tens of steps, two correct computations of the
-same run differ visibly. So the engines agree in every event only if turns are stable, or if no robot can cross the
-whole tolerance in one step: then each turn ends as soon as the angle left is within the tolerance, and no error grows.
 """
 
 from __future__ import annotations
@@ -39,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, zero_rows
-from vibroswarm.core.numbers import number
 from vibroswarm.core.rng import (
     ALONE,
     FIRST,
@@ -397,72 +383,3 @@ def give_each(swarm: NDArray[np.void], scenario: Scenario, setup: Setup, seed: i
 def veers_vary(robot: Robot) -> bool:
     """Return whether misalignments change between samples or runs."""
     return any((robot.misalignment_wander, robot.misalignment_drift, robot.misalignment_run_spread))
-
-
-def turn_gain_deg(scenario: Scenario) -> float:
-    """Return the turn gain G: the angle that the fastest robot turns in a control period at a command of 1 %, deg.
-
-    The wheels run in opposite directions, so their speeds differ by twice 1 % of full speed.
-    """
-    robot = scenario.robot
-    fastest = robot.full_speed_m_s * robot.speed_factor_max
-    return math.degrees(2.0 * 0.01 * fastest / robot.turn_track_m * scenario.tick_s)
-
-
-def spectral_radius(scenario: Scenario) -> float:
-    """Return the largest absolute eigenvalue of the turn controller's loop below full command.
-
-    Turns are stable if it is below 1. By the equations in the module's text, the loop maps (e, I) to the next (e, I) by
-    a matrix of trace 2 - p - q and determinant 1 - p, where p = G Kp and q = G Ki dt. Without an integral gain the
-    integral I has no effect, so that the only eigenvalue that counts is the error's, 1 - p.
-    """
-    gain = turn_gain_deg(scenario)
-    p = gain * scenario.walk.turn_gain_percent_per_deg
-    q = gain * scenario.walk.turn_integral_gain_percent_per_deg_s * scenario.tick_s
-    if q == 0.0:
-        return abs(1.0 - p)
-    trace, determinant = 2.0 - p - q, 1.0 - p
-    discriminant = 0.25 * trace * trace - determinant
-    if discriminant <= 0.0:  # two complex eigenvalues, whose product is the determinant
-        return math.sqrt(determinant)
-    # The eigenvalues are trace / 2 +- sqrt(discriminant): this is the larger absolute value of the two.
-    return 0.5 * abs(trace) + math.sqrt(discriminant)
-
-
-def is_stable(scenario: Scenario) -> bool:
-    """Return whether turns are stable, by the bound G (2 Kp + dt Ki) < 4 of the module's text.
-
-    This is the same condition as ``spectral_radius(scenario) < 1``, but less sensitive to rounding.
-    """
-    walk = scenario.walk
-    gains = 2.0 * walk.turn_gain_percent_per_deg
-    gains += scenario.tick_s * walk.turn_integral_gain_percent_per_deg_s
-    return turn_gain_deg(scenario) * gains < 4.0
-
-
-def passes_tolerance(scenario: Scenario) -> bool:
-    """Return whether a robot can cross the whole tolerance of a turn, +- turn_tolerance_deg, in one step.
-
-    The fastest robot at full command (100 %) turns most.
-    """
-    return 100.0 * turn_gain_deg(scenario) > 2.0 * scenario.walk.turn_tolerance_deg
-
-
-def scenario_warnings(scenario: Scenario) -> list[str]:
-    """Return warnings about a valid scenario whose turns are unstable and so enlarge rounding errors, as sentences.
-
-    There is no warning if no robot can cross the whole tolerance of a turn in one step, as then no error grows (see the
-    module's text).
-    """
-    if is_stable(scenario) or not passes_tolerance(scenario):
-        return []
-    walk = scenario.walk
-    gain, integral = walk.turn_gain_percent_per_deg, walk.turn_integral_gain_percent_per_deg_s
-    most, radius = 4.0 / turn_gain_deg(scenario), spectral_radius(scenario)
-    return [
-        f"turns are not stable: robots swing about the angle they turn to (spectral radius "
-        f"{number(radius, digits=3)}), and rounding "
-        "grows in each swing, so that other machines or engines may give other runs; 2 "
-        f"walk.turn_gain_percent_per_deg + run.control_period_ms / 1000 walk.turn_integral_gain_percent_per_deg_s is "
-        f"{number(2.0 * gain + scenario.tick_s * integral, digits=4)}, and must be below {number(most, digits=4)}"
-    ]

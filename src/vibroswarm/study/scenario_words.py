@@ -21,7 +21,6 @@ from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import rows_of, sides_inside
 from vibroswarm.floors.io import check_threshold, is_picture, parse_tiles
 from vibroswarm.floors.source import family, is_generated, parts_of_file, resolve, values_in
-from vibroswarm.motion.robot_params import scenario_warnings
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.change_fields import change_warnings
@@ -346,7 +345,6 @@ def _floor_values(
 def warnings_of(scenario: Scenario) -> list[str]:
     """Return the warnings about a scenario, without a full stop."""
     return [
-        *scenario_warnings(scenario),
         *_relay_warnings(scenario),
         *_map_warnings(scenario),
         *change_warnings(scenario.change, _is_final(scenario)),
