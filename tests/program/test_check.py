@@ -11,7 +11,6 @@ from helpers.commands import json_of, refusal_of
 from vibroswarm.cli import main
 from vibroswarm.scenario.plugins import load_file
 from vibroswarm.testing import motion as motion_checks
-from vibroswarm.testing import motion_tables
 from vibroswarm.testing import network as network_checks
 from vibroswarm.testing import runs as run_checks
 from vibroswarm.testing.motion_cases import CASES
@@ -41,40 +40,43 @@ def truth(floor, asked, p):
 
 mine = Task(name="mine", truth=truth)
 """
-MOTION = """from dataclasses import dataclass, replace
-from typing import Any
-
-import polars as pl
-
-from vibroswarm.motion.source import Motion, Source
+MOTION = """from vibroswarm.motion.motion_tables import Sink
+from vibroswarm.motion.source import Source
 from vibroswarm.motion.event.event_run import EVENT
 
 
-@dataclass
 class Mine:
-    inner: Any
-    start_s: float = 0.0
+    def __init__(self, scenario, moves):
+        self.inner = EVENT.start(scenario, moves)
 
-    @property
-    def time_s(self):
-        return self.inner.time_s
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
 
-    def advance(self, until_s):
-        self.start_s = self.inner.time_s
-        return self.told(self.inner.advance(until_s))
+    def begin(self, seed, run):
+        self.begun_at = 0
+        self.inner.begin(seed, run)
 
-    def told(self, motion):
-        return motion
+    def advance(self, until, sink):
+        self.begun_at = self.inner.tick
+        self.inner.advance(until, self.through(sink))
 
-    def copy(self):
-        return replace(self, inner=self.inner.copy())
+    def finish(self, sink):
+        return self.ends(self.inner.finish(self.through(sink)))
+
+    def through(self, sink):
+        return Sink(lambda rows: sink.samples(self.samples(rows)), lambda rows: sink.moves(self.moves(rows)))
+
+    def samples(self, rows):
+        return rows
+
+    def moves(self, rows):
+        return rows
+
+    def ends(self, rows):
+        return rows
 
 
-def init(scenario, seed, run, segments=False, moves=False):
-    return Mine(EVENT.init(scenario, seed, run, segments=segments, moves=moves))
-
-
-mine = Source("mine", init)
+mine = Source("mine", Mine)
 """
 SENSOR = """import numpy as np
 
@@ -97,7 +99,6 @@ def likelihood(kind, value, p):
 
 mine = SensorModel(name="mine", measure=measure, reading=reading, likelihood=likelihood)
 """
-TOLD = "        return motion\n"
 GOOD = {"network": NETWORK, "task": TASK, "sensor": SENSOR, "motion": MOTION}
 
 
@@ -125,29 +126,19 @@ def test_a_good_file_passes(kind: str, tmp_path: Path, capsys: pytest.CaptureFix
     assert "FAIL" not in shown
 
 
-def spoilt(how: str) -> str:
-    assert TOLD in MOTION
-    return MOTION.replace(TOLD, f"        return {how}\n")
+def spoilt(rows: str, how: str) -> str:
+    told = f"    def {rows}(self, rows):\n"
+    return MOTION.replace(told, f"{told}        {how}\n")
 
 
-def of_samples(columns: str) -> str:
-    return spoilt(f"replace(motion, samples=motion.samples.with_columns({columns}))")
-
-
-RENUMBERED = """        here, tables = pl.lit(self.run, pl.UInt32).alias("run"), vars(motion).items()
-        return Motion(**{name: None if t is None else t.with_columns(here) for name, t in tables})
-"""
 AT_ONCE = NETWORK.replace("tick + 1 + n.count % 40", "tick")
-SEGMENTS = "segments=None if motion.segments is None else motion.segments.with_columns"
-MOVES = "moves=None if motion.moves is None else motion.moves.with_columns"
 FEW = CASES[:2]
 """Cases for motion: ``test_motion_contract.py`` holds our sources to all, and finds what is wrong, check by check."""
 
 
 @pytest.fixture
 def few_cases(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (motion_checks, motion_tables):
-        monkeypatch.setattr(module, "CASES", FEW)
+    monkeypatch.setattr(motion_checks, "CASES", FEW)
     monkeypatch.setattr(network_checks, "SIZES", (1, 5))
 
 
@@ -287,46 +278,33 @@ BAD = {
         "FAIL  it leaves floors as they are: it changes the floor ",
     ),
     "motion: others in pieces": (
-        of_samples("x_m=pl.col('x_m') + 1e-3 * (self.start_s > 0)"),
-        "is equal to the same run of a batch: paper, run 0, in pieces and in one: x_m in row ",
+        spoilt("samples", "rows['x_m'] += 1e-3 * (self.begun_at > 0)"),
+        "is equal to the same run of a batch: paper, run 3, in pieces and in one: x_m in row ",
     ),
     "motion: jumps": (
-        spoilt(f"replace(motion, {SEGMENTS}(x_m=pl.col('x_m') + 1e-5 * (pl.col('start_s') > 20)))"),
-        "FAIL  Each segment ends where the next begins: nobody jumps: paper: run 0, robot 0 jumps, by 1e-05 m or rad",
-    ),
-    "motion: turned less": (
-        spoilt(f"replace(motion, {MOVES}(turned_rad=pl.col('turned_rad') * (1 - 1e-6)))"),
-        "rad from what the segments turn",
+        spoilt("moves", "rows['x_m'] += 1e-5 * (rows['tick'] > 1000)"),
+        "FAIL  The arc of a move ends where the next begins, the last one where the table of ends puts the robot: ",
     ),
     "motion: follows the strategy": (
         MOTION.replace(
-            "EVENT.init(scenario, seed,", "EVENT.init(scenario, seed + (scenario.strategy.name == 'soft'),"
-        ),
+            "self.inner = EVENT", "self.more = scenario.strategy.name == 'soft'\n        self.inner = EVENT"
+        ).replace("begin(seed, run)\n\n", "begin(seed + self.more, run)\n\n"),
         "sensor, strategy, decision or network: motion depends on strategy.name: ",
     ),
     "motion: draws": (
-        MOTION.replace(
-            "EVENT.init(scenario, seed, run, s", "EVENT.init(scenario, next(count), run, s"
-        ).replace(
-            "@dataclass", "from itertools import count as counted\n\ncount = counted()\n\n\n@dataclass"
-        ),
+        "from itertools import count\n\nseeds = count()\n"
+        + MOTION.replace("inner.begin(seed, run)", "inner.begin(next(seeds), run)"),
         "FAIL  A run is the same again, alone, in a batch, and in whatever order: ",
     ),
     "motion: leaves at the end": (
-        spoilt(
-            "replace(motion, ends=motion.ends.with_columns(x_m=-3.0 + 0 * pl.col('x_m')), segments=None, moves=None)"
-        ),
+        spoilt("ends", "rows['x_m'] = -3.0"),
         "paper: a robot is not in the arena",
     ),
     "motion: stops before it was there": (
-        of_samples("stop_start_s=pl.lit(0.0)"),
+        spoilt("samples", "rows['stop_tick'] = 0"),
         "paper: a stop begins before the robot's last sample",
     ),
-    "motion: asserts and says nothing": (
-        MOTION.replace(TOLD, "        assert False\n"),
-        "in told: AssertionError",
-    ),
-    "motion: gives no table": (spoilt("None"), "gives NoneType, not Motion"),
+    "motion: asserts and says nothing": (spoilt("samples", "assert False"), "in samples: AssertionError"),
 }
 ELSEWHERE = (
     "task: goes by the order in which it met floors",
@@ -366,11 +344,10 @@ def test_a_task_that_tells_no_floors_apart_passes_with_a_note(
 def test_motion_that_is_the_same_in_all_runs_passes_with_a_note(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    same = MOTION.replace("EVENT.init(scenario, seed, run, s", "EVENT.init(scenario, 1, 0, s")
-    same = same.replace(TOLD, RENUMBERED)
-    same = same.replace("inner: Any\n", "inner: Any\n    run: int\n").replace(
-        "moves=moves))", "moves=moves), run)"
-    )
+    same = MOTION.replace("self.inner.begin(seed, run)", "self.run = run\n        self.inner.begin(1, 0)")
+    for rows in ("samples", "moves", "ends"):
+        told = f"    def {rows}(self, rows):\n"
+        same = same.replace(told, f"{told}        rows['run'] = self.run\n")
     code, shown = checked(same, tmp_path, capsys)
     assert code == 0, shown
     note = "note Other runs and other seeds are different: runs 7 and 2 of a seed are alike"

@@ -1,14 +1,12 @@
 """Cases (scenarios with some runs) in which motion sources are checked, and functions that the checks share.
 
-A source generates motion (``Motion``). Four of its tables are checked: samples, ends, segments and moves. The last two
-are given only if they are requested; they are None otherwise. The table ``failures`` is not checked.
+A source generates motion (``Motion``). Its tables of samples, ends and moves are checked, and not that of failures.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Final
 
@@ -16,7 +14,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.motion.source import Motion, Source
+from vibroswarm.motion.motion_tables import Motion
+from vibroswarm.motion.source import Source, moved
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.testing.runs import require
 
@@ -137,28 +136,14 @@ SHORT_CASE: Final = CASES[2]
 """The crowd, in which much happens: for checks that need only one case."""
 
 
-def fitted(cases: Sequence[Case], source: Source) -> list[Case]:
-    """Return cases with arenas that two robots of the source fit into, however they are turned.
-
-    Cases are for discs; a source whose robots have a footprint gets wider arenas where these are narrow.
-    """
-    if source.footprint_m is None:
-        return list(cases)
-    sides, least_m = ("arena.width_m", "arena.height_m"), 2.05 * math.hypot(*source.footprint_m)
-    wider = [
-        {side: max(case.values[side], least_m) for side in sides if side in case.values} for case in cases
-    ]
-    return [replace(case, values=case.values | values) for case, values in zip(cases, wider, strict=True)]
-
-
 @lru_cache(maxsize=64)
 def motion_of(source: Source, case: Case) -> Motion:
-    """Return the motion of a case's runs, with segments and moves if the source gives them; cached for all checks."""
-    return source.batch(case.scenario, case.seed, case.runs, segments=True, moves=True)
+    """Return the motion of a case's runs, with moves if the source gives them; cached for all checks."""
+    return moved(source, case.scenario, case.seed, case.runs, moves=True)
 
 
 def same(one: Motion, other: Motion, words: str = "") -> None:
-    """Require that the four tables of two motions are equal, bit by bit; a table may be None in both.
+    """Require that the three tables of two motions are equal, bit by bit; a table may be None in both.
 
     Args:
         words: what is compared; it is put before the error message.
@@ -166,7 +151,7 @@ def same(one: Motion, other: Motion, words: str = "") -> None:
         AssertionError: the motions differ; the first difference is named.
     """
     prefix = f"{words}: " if words else ""
-    for name in ("samples", "ends", "segments", "moves"):
+    for name in ("samples", "ends", "moves"):
         first, second = getattr(one, name), getattr(other, name)
         require((first is None) == (second is None), f"{prefix}{name} exist in only one of the two")
         if first is None:
