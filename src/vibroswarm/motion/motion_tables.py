@@ -13,6 +13,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.jit import kernel
 from vibroswarm.core.tables import Schema
 from vibroswarm.robot.walk import AVOID, KINDS, TURN
 
@@ -190,14 +191,23 @@ def wrapped(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     return angles_rad - 2.0 * np.pi * np.floor((angles_rad + np.pi) / (2.0 * np.pi))
 
 
+@kernel
+def fill_samples(rows: Rows, wide: NDArray[np.float64], narrow: NDArray[np.float32], tick_ms: int) -> None:
+    """Write the columns of samples: start of the stop, time and pose; and the times in each mode, and blocked."""
+    for k in range(rows.size):
+        row = rows[k]
+        wide[0, k], wide[1, k] = row.stop_tick * tick_ms / 1000.0, row.tick * tick_ms / 1000.0
+        wide[2, k], wide[3, k], wide[4, k] = row.x_m, row.y_m, row.heading_rad
+        narrow[0, k], narrow[1, k] = row.drive * tick_ms / 1000.0, row.turn * tick_ms / 1000.0
+        narrow[2, k], narrow[3, k] = row.avoid * tick_ms / 1000.0, row.stop * tick_ms / 1000.0
+        narrow[4, k] = row.blocked * tick_ms / 1000.0
+
+
 def sample_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
     """Return samples as a table; they must be in the order of run, time, robot."""
-    times = {
-        "stop_start_s": "stop_tick",
-        "time_s": "tick",
-        **{f"{mode}_s": mode for mode in (*KINDS, "blocked")},
-    }
-    return _frame({name: seconds(rows[field], tick_ms) for name, field in times.items()}, rows, MOTION)
+    wide, narrow = np.empty((5, rows.size)), np.empty((5, rows.size), dtype=np.float32)
+    fill_samples(rows, wide, narrow, tick_ms)
+    return _frame(dict(zip(list(MOTION)[3:], (*wide, *narrow), strict=True)), rows, MOTION)
 
 
 def end_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
