@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from time import process_time
 
@@ -26,7 +25,6 @@ from numpy.typing import NDArray
 
 from vibroswarm import Scenario, preset, simulate
 from vibroswarm import replay as replayed
-from vibroswarm.motion.kernel_run import batch_of
 from vibroswarm.motion.physics.wheels_run import WheelsRun
 from vibroswarm.motion.source import Source, register
 
@@ -57,7 +55,7 @@ def main() -> None:
     parser.add_argument("--floors", type=int, default=200)
     parser.add_argument("--keep", type=Path, help="folder of motions")
     given = parser.parse_args()
-    register(Source("single-rays", SingleRays, partial(batch_of, SingleRays), is_ours=True))
+    register(Source("single-rays", SingleRays, is_ours=True))
     chance = np.random.default_rng(SEED)
     floors = [chance.permutation(np.arange(25) < 12).astype(int).reshape(5, 5) for _ in range(given.floors)]
     event = simulated({}, "event", given.reference)

@@ -130,7 +130,7 @@ def main() -> None:
     parser.add_argument("--case", default="", help="only cases whose name has these words")
     given = parser.parse_args()
     scenario = preset("paper").with_values({"run.t_end_s": given.seconds, "floor.source": "random:0.48"})
-    result = simulate(scenario, given.seed, 1, segments=True)
+    result = simulate(scenario, given.seed, 1, poses=True)
     markers = usual_markers(scenario.swarm.robots, 1.0, 1.0, size_mm=given.marker_mm)
     print("| | detector alone | found | place, median | 95 % | what is told |")
     print("|---|---|---|---|---|---|")

@@ -172,7 +172,7 @@ def of_rays(studies: int, random: np.random.Generator, sessions: int = 3) -> Non
                 "walk.turn_max_deg": turn_deg,
             }
         )
-        result = simulate(robots, runs=sessions, seed=int(random.integers(2**31)), segments=True)
+        result = simulate(robots, runs=sessions, seed=int(random.integers(2**31)), poses=True)
         found = fit_rays(dataset_of([result]), base)
         truth = {
             "ray_deg": angle_deg,
@@ -201,7 +201,7 @@ def of_slow_share(studies: int, random: np.random.Generator, sessions: int = 1) 
         )
         groups, rows = sessions * robots.swarm.robots, []
         for _ in range(studies):
-            result = simulate(robots, runs=sessions, seed=int(random.integers(2**31)), segments=True)
+            result = simulate(robots, runs=sessions, seed=int(random.integers(2**31)), poses=True)
             found = fit_drive(dataset_of([result]), robots, draws=60)
             draws = found.draws["slow_share"]
             limits = limits_of(draws), limits_of_bootstrap(draws, groups)

@@ -2,10 +2,9 @@
 
     python benchmarks/overlap.py [--steps 1e9] [--seed 31]
 
-The fixed-step engine is stepped tick by tick, and all walls and all pairs are looked at after each. The event-driven
-engine runs as it is used; from the arcs that it writes down, where all robots are at every tick is worked out. A
-quarter of the steps each: 5 robots and 10 robots in 1 m x 1 m; 30 robots in 0.5 m x 0.5 m, which touch often; and
-10 robots in 0.5 m x 0.5 m that do not look where they go, and so push against walls and each other.
+The engines are advanced tick by tick, and all walls and all pairs are looked at after each. A quarter of the steps
+each: 5 robots and 10 robots in 1 m x 1 m; 30 robots in 0.5 m x 0.5 m, which touch often; and 10 in 0.5 m x 0.5 m that
+do not look where they go, and so push against walls and each other.
 """
 
 from __future__ import annotations
@@ -14,22 +13,22 @@ import argparse
 import math
 import sys
 import time
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import kernel
-from vibroswarm.motion.control_step import Swarm
 from vibroswarm.motion.event.event_run import EventRun
-from vibroswarm.motion.fixed_step import FixedStepRun, steps
-from vibroswarm.motion.geometry import arc
-from vibroswarm.motion.recorder import Record, room
+from vibroswarm.motion.fixed_step import FixedStepRun
+from vibroswarm.motion.kernel_run import KernelRun
+from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.scenario.scenario import Scenario, preset
 
 ROUNDING_M = 1e-9
-"""Poses worked out from arcs are rounded: a gap above minus this is none."""
+"""Poses are rounded: a gap above minus this is none."""
 
 SWARMS = ((5, 1.0, 50.0), (10, 1.0, 50.0), (30, 0.5, 50.0), (10, 0.5, 0.0))
 """Robots, the arena's side, m, and the avoidance threshold theta_c, mm."""
@@ -69,89 +68,23 @@ def narrow(
             least[0] = min(least[0], dx * dx + dy * dy)
 
 
-@kernel
-def checked_steps(
-    swarm: Swarm,
-    setup: Setup,
-    speeds: NDArray[np.float64],
-    record: Record,
-    seed: int,
-    run: int,
-    tick: int,
-    until: int,
-    places: NDArray[np.float64],
-    least: NDArray[np.float64],
-) -> int:
-    """The fixed-step engine tick by tick, checked at each; gives the tick reached.
-
-    Args:
-        places: (2, robots) of scratch. least: see ``narrow``.
-    """
-    for now in range(tick, until):
-        if room(record, swarm.size) < 1:
-            record.filled[0] = 0
-        steps(swarm, setup, speeds, record, seed, run, now, now + 1)
-        for i in range(swarm.size):
-            places[0, i], places[1, i] = swarm[i].x_m, swarm[i].y_m
-        narrow(places[0], places[1], setup, least)
-    return until
-
-
-@kernel
-def checked_arcs(
-    segments: NDArray[np.void],
-    setup: Setup,
-    until: int,
-    latest: NDArray[np.int64],
-    places: NDArray[np.float64],
-    least: NDArray[np.float64],
-) -> None:
-    """All places at every tick up to ``until``, by the segment rows of one run, sorted by tick.
-
-    Args:
-        latest: (robots,) of scratch: each robot's row at a tick.
-    """
-    k = 0
-    for tick in range(until + 1):
-        while k < segments.size and segments[k].tick <= tick:
-            latest[segments[k].robot] = k
-            k += 1
-        for i in range(latest.size):
-            row = segments[latest[i]]
-            dt_s = (tick - row.tick) * setup.tick_s
-            x, y, _ = arc(row.x_m, row.y_m, row.heading_rad, row.speed_m_s, row.rate_rad_s, dt_s)
-            places[0, i], places[1, i] = x, y
-        narrow(places[0], places[1], setup, least)
-
-
 def gaps(setup: Setup, robot_steps: int, least: NDArray[np.float64]) -> Gaps:
     radius_m = float(setup["radius_m"])
     return Gaps(robot_steps, math.sqrt(least[0]) - 2.0 * radius_m, float(least[1]) - radius_m)
 
 
-def check_stepped(scenario: Scenario, seed: int, run: int) -> Gaps:
-    """One run of the fixed-step engine."""
-    state = FixedStepRun(scenario, seed, run)
-    robots, ticks = scenario.swarm.robots, scenario.ticks
-    least, places = np.full(2, np.inf), np.zeros((2, robots))
-    narrow(state.swarm["x_m"].copy(), state.swarm["y_m"].copy(), state.setup, least)
-    checked_steps(
-        state.swarm, state.setup, state.speeds, state.record, seed, run, 1, ticks, places, least
-    )  # fmt: skip
-    return gaps(state.setup, robots * ticks, least)
+def checked(engine: type[KernelRun], scenario: Scenario, seed: int, run: int) -> Gaps:
+    """One run, tick by tick."""
+    state, taken, least = engine(scenario), Collected(), np.full(2, np.inf)
+    state.begin(seed, run)
+    for tick in range(scenario.ticks + 1):
+        state.advance(tick, taken.sink)
+        poses = state.poses()
+        narrow(poses[:, 0].copy(), poses[:, 1].copy(), state.setup, least)
+    return gaps(state.setup, scenario.swarm.robots * scenario.ticks, least)
 
 
-def check_jumped(scenario: Scenario, seed: int, run: int) -> Gaps:
-    """One run of the event-driven engine."""
-    state = EventRun(scenario, seed, run, segments=True)
-    robots, ticks = scenario.swarm.robots, scenario.ticks
-    rows = state.rows(scenario.run.t_end_s)
-    least, places = np.full(2, np.inf), np.zeros((2, robots))
-    checked_arcs(rows.segments, state.setup, ticks, np.zeros(robots, dtype=np.int64), places, least)
-    return gaps(state.setup, robots * ticks, least)
-
-
-CHECKS = {"fixed-step": check_stepped, "event": check_jumped}
+CHECKS = {"fixed-step": partial(checked, FixedStepRun), "event": partial(checked, EventRun)}
 
 
 def check(engine: str, scenario: Scenario, seed: int, robot_steps: float) -> Gaps:

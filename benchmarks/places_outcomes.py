@@ -28,7 +28,8 @@ from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import replay_to_end
-from vibroswarm.motion.source import Motion, source
+from vibroswarm.motion.motion_tables import Motion
+from vibroswarm.motion.source import moved as motion_of
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import OF_MOTION, floors_of
@@ -118,7 +119,7 @@ def moved(scenario: Scenario, runs: int, seed: int) -> Timeline:
     if key not in _moved:
         _moved.clear()
         _read.clear()
-        motion = source("event").batch(scenario, seed, range(runs), False, True)
+        motion = motion_of("event", scenario, seed, range(runs), True)
         _moved[key] = (motion, timeline_of(scenario, motion))
     return _moved[key][1]
 

@@ -29,7 +29,8 @@ from vibroswarm.cli.deliver import print_document, print_json
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import replay_to_end
 from vibroswarm.localisation.locate import locate
-from vibroswarm.motion.source import Motion, source
+from vibroswarm.motion.motion_tables import Motion
+from vibroswarm.motion.source import moved as motion_of
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Table, Text
@@ -90,13 +91,13 @@ def tasks() -> Iterable[tuple[str, int, Callable[[], object]]]:
         yield (
             f"motion, {robots} robots",
             runs,
-            partial(source("event").batch, moving, SEED, range(runs), False),
+            partial(motion_of, "event", moving, SEED, range(runs)),
         )
     scenario = scenario_of(5)
     located = scenario.with_values({"strategy.name": "places"})
     chosen = range(RUNS)
     floors = floors_of(scenario, SEED, chosen)
-    motion = source("event").batch(scenario, SEED, chosen, False, True)
+    motion = motion_of("event", scenario, SEED, chosen, True)
     yield "observation", RUNS, partial(observe, scenario, SEED, motion.samples, floors, energies=False)
     shaken = scenario.with_values({"sensor.model": "acceleration"})
     yield (

@@ -27,7 +27,8 @@ import polars as pl
 from vibroswarm.cli.deliver import print_document, print_json, print_paragraph
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer, replay_to_end
-from vibroswarm.motion.source import Motion, source
+from vibroswarm.motion.motion_tables import Motion
+from vibroswarm.motion.source import moved as motion_of
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Document, Table
@@ -160,7 +161,7 @@ def engines(scenario: Scenario, runs: int) -> list[Work]:
     some = max(1, min(runs, runs * 10 // scenario.swarm.robots))
 
     def moved(name: str, turn: int) -> Motion:
-        return source(name).batch(scenario, SEED, range(turn * some, (turn + 1) * some), False)
+        return motion_of(name, scenario, SEED, range(turn * some, (turn + 1) * some))
 
     end_s = scenario.run.t_end_s
     return [Work(name, some, end_s, partial(moved, name)) for name in ("event", "fixed-step")]
@@ -195,12 +196,12 @@ def stages_of(scenario: Scenario, runs: int) -> tuple[list[Figure], float]:
     """Figures of observation and inference on the event engine's motion, and the cost of a grid of strategies."""
     chosen = range(runs)
     floors = floors_of(scenario, SEED, chosen)
-    motion = source("event").batch(scenario, SEED, chosen, False)
+    motion = motion_of("event", scenario, SEED, chosen)
     timeline = timeline_of(scenario, motion)
     seen = observe(scenario, SEED, motion.samples, floors, energies=False)
 
     def whole(variants: Sequence[Scenario], turn: int) -> None:
-        moved = source("event").batch(scenario, SEED, chosen, False)
+        moved = motion_of("event", scenario, SEED, chosen)
         bits = observe(scenario, SEED, moved.samples, floors, energies=False)
         heard = timeline_of(scenario, moved)
         for variant in variants:

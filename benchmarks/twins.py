@@ -11,10 +11,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
-from vibroswarm.motion.recorder import Rows
+from vibroswarm.motion.kernel_run import KernelRun
+from vibroswarm.motion.motion_tables import Collected, joined
 from vibroswarm.scenario.scenario import Scenario
 
 EVENTS = ("robot", "sample", "stop_tick", "tick", "drive", "turn", "avoid", "stop")
@@ -74,10 +76,31 @@ class Verdict(NamedTuple):
         return not self.found.same and self.twin is None
 
 
+class Rows(NamedTuple):
+    """The rows of a run."""
+
+    samples: NDArray[np.void]
+    ends: NDArray[np.void]
+
+
+def begun(engine: type[KernelRun], scenario: Scenario, seed: int, run: int) -> KernelRun:
+    """A run of an engine at time 0."""
+    state = engine(scenario)
+    state.begin(seed, run)
+    return state
+
+
+def rows_of(state: KernelRun) -> Rows:
+    """All rows of a run."""
+    taken = Collected()
+    state.advance(state.scenario.ticks, taken.sink)
+    ends = state.finish(taken.sink)
+    return Rows(joined([state.record.samples[:0], *taken.samples]), ends)
+
+
 def judge(scenario: Scenario, seed: int, run: int) -> Verdict:
     """Both engines on one run; where they differ, twins of the fixed-step engine beside it."""
-    stepped = FixedStepRun(scenario, seed, run).rows(scenario.run.t_end_s)
-    jumped = EventRun(scenario, seed, run).rows(scenario.run.t_end_s)
+    stepped, jumped = (rows_of(begun(engine, scenario, seed, run)) for engine in (FixedStepRun, EventRun))
     found = difference(run, stepped, jumped, scenario.tick_s)
     if found.same:
         return Verdict(found, None)
@@ -95,7 +118,7 @@ def parts(scenario: Scenario, seed: int, run: int, stepped: Rows, found: Differe
 
 def moved(scenario: Scenario, seed: int, run: int, twin: Twin) -> Rows:
     """A run of the fixed-step engine that begins a few ulps beside."""
-    state = FixedStepRun(scenario, seed, run)
+    state = begun(FixedStepRun, scenario, seed, run)
     if twin.of == "robots":
         rows, count = state.swarm, scenario.swarm.robots
     else:
@@ -109,7 +132,7 @@ def moved(scenario: Scenario, seed: int, run: int, twin: Twin) -> Rows:
     towards = np.where(up, np.inf, -np.inf)
     for _ in range(twin.ulps * (1 + twin.signs // 2)):
         rows[twin.name] = np.nextafter(rows[twin.name], towards)
-    return state.rows(scenario.run.t_end_s)
+    return rows_of(state)
 
 
 def difference(run: int, stepped: Rows, jumped: Rows, tick_s: float) -> Difference:

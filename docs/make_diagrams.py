@@ -55,7 +55,7 @@ def floor_at(result: Result, time_s: float, left: float, top: float, side: float
                 wave = f"M{x + 4:g} {y + k * tile / 5:.1f}" + "q4 -5 8 0t8 0" * int((tile - 8) // 16)
                 yield f'<path d="{wave}" fill="none" stroke="{RIPPLE}" stroke-width=".8"/>'
     for robot in range(result.scenario.swarm.robots):
-        path = pose(result.segments, 0, robot, np.linspace(time_s - 20.0, time_s, 81))
+        path = pose(result.poses, 0, robot, np.linspace(time_s - 20.0, time_s, 81))
         points = " ".join(f"{left + side * x:.1f},{top + side * (1 - y):.1f}" for x, y in path[:, :2])
         yield f'<polyline points="{points}" fill="none" stroke="{FAINT}" stroke-width="1.2"/>'
     samples = result.motion.join(result.observations, on=["run", "robot", "sample"])
@@ -68,7 +68,7 @@ def floor_at(result: Result, time_s: float, left: float, top: float, side: float
     yield f'<path d="{circles}" fill="{PAPER}" stroke="{STILL}" stroke-width="1.2"/>'
     yield f'<path d="{diamonds}" fill="{VIBRATING}"/>'
     for robot in range(result.scenario.swarm.robots):
-        x, y = pose(result.segments, 0, robot, np.array([time_s]))[0, :2]
+        x, y = pose(result.poses, 0, robot, np.array([time_s]))[0, :2]
         cx, cy = left + side * x, top + side * (1 - y)
         yield f'<circle cx="{cx:.1f}" cy="{cy:.1f}" r="9" fill="{PAPER}" stroke="{INK}" stroke-width="1.6"/>'
         yield text(cx, cy + 4, str(robot), size=11, more='text-anchor="middle" font-weight="bold"')
@@ -122,7 +122,7 @@ def beliefs(result: Result, left: float, top: float, width: float, height: float
 def inspection() -> str:
     """Return the picture of one run."""
     scenario = preset("paper").with_values({"strategy.name": "soft"})
-    result = simulate(scenario, seed=2, segments=True)
+    result = simulate(scenario, seed=2, poses=True)
     consensus_s = result.runs["consensus_time_s"][0]
     bold = 'font-weight="bold"'
     parts = [

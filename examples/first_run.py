@@ -14,7 +14,7 @@ from vibroswarm import preset, simulate, verdict, write_run_page
 def main(folder: Path) -> None:
     """One run of the paper's setting with soft feedback, kept in ``folder``."""
     scenario = preset("paper").with_values({"strategy.name": "soft"})
-    result = simulate(scenario, seed=2, segments=True)
+    result = simulate(scenario, seed=2, poses=True)
     found = verdict(result)
     print(f"consensus: {found.consensus}, after {found.consensus_time_s} s")
     for robot in found.robots:

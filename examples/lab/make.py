@@ -44,7 +44,7 @@ def make(folder: Path) -> None:
             "run.t_end_s": 120.0,
         }
     )
-    result = simulate(scenario, 12, 2, segments=True)
+    result = simulate(scenario, 12, 2, poses=True)
     for run in (0, 1):
         write_log(result, folder / f"session-{run + 1}.csv", run)
     (folder / "floor.txt").write_text("\n".join(TILES) + "\n", encoding="utf-8")
@@ -68,7 +68,7 @@ def write_log(result: Result, path: Path, run: int = 0) -> None:
     rows = [
         (loop, robot, x, y, "None," * 8 + "None")
         for robot in range(len(MARKERS))
-        for loop, (x, y, _) in enumerate(pose(result.segments, run, robot, loops_s))
+        for loop, (x, y, _) in enumerate(pose(result.poses, run, robot, loops_s))
     ]
     loops = np.minimum(np.searchsorted(loops_s, samples["time_s"]), loops_s.size - 1).tolist()
     for loop, row in zip(loops, samples.to_dicts(), strict=True):

@@ -23,11 +23,11 @@ from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.floor import DIGITS, Floor
-from vibroswarm.inference.outcomes import ROBOTS, RUNS
+from vibroswarm.inference.outcomes import ROBOTS, RUNS, SHARES
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.inference.reports import REPORTS
 from vibroswarm.localisation.locate import PLACES
-from vibroswarm.motion.source import ENDS, FAILURES, MOTION, MOVES, SEGMENTS
+from vibroswarm.motion.motion_tables import ENDS, FAILURES, MOTION, MOVES, POSES
 from vibroswarm.observation.observe import MEASURED, OBSERVATIONS
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import FAULT_COLUMNS
@@ -64,15 +64,21 @@ SAMPLE: Final = ("run", "robot", "sample")
 """Key of tables with a row for each sample."""
 
 TABLES: Final = {
-    "motion": Schema(MOTION, frozenset({"heading_rad", "drive_s", "turn_s", "avoid_s", "stop_s"}), SAMPLE),
+    "motion": Schema(
+        MOTION, frozenset({"heading_rad", "drive_s", "turn_s", "avoid_s", "stop_s", "blocked_s"}), SAMPLE
+    ),
     "ends": Schema(ENDS, frozenset({"x_m", "y_m", "heading_rad", "stop_start_s"}), ("run", "robot")),
-    "segments": Schema(SEGMENTS),
     "moves": Schema(MOVES, frozenset({"turn_rate_rad_s", "ray_m"})),
+    "poses": Schema(POSES),
     "places": Schema(PLACES, frozenset(name for name in PLACES if name.startswith("lagged")), SAMPLE),
     "observations": Schema(OBSERVATIONS, frozenset({"energy"}), SAMPLE, MEASURED),
     "inference": Schema(INFERENCE, frozenset(INFERENCE) - {*SAMPLE}, SAMPLE),
     "reports": Schema(REPORTS, frozenset({"value"}), (*SAMPLE, "name", "index")),
-    "robots": Schema(ROBOTS, frozenset(ROBOTS) - {"run", "robot", "samples", "sent"}, ("run", "robot")),
+    "robots": Schema(
+        ROBOTS | SHARES,
+        frozenset(ROBOTS | SHARES) - {"run", "robot", "samples", "sent"},
+        ("run", "robot"),
+    ),
     "runs": Schema(
         RUNS, frozenset({"consensus", "consensus_time_s", "truth", "right", "wrong", "undecided"}), ("run",)
     ),
@@ -133,8 +139,6 @@ class Result(NotebookView):
     """Where and when robots sampled: one row per sample."""
     ends: pl.DataFrame
     """Where robots are at the end of a run: one row per robot and run."""
-    segments: pl.DataFrame | None
-    """The arcs of the robots' paths; None if they were not requested."""
     observations: pl.DataFrame
     """What the samples read (class, value): one row per sample."""
     inference: pl.DataFrame
@@ -151,6 +155,8 @@ class Result(NotebookView):
     """Versions of the software that made the result, by name."""
     moves: pl.DataFrame | None = None
     """The robots' drives, turns and stops; None if they were not requested."""
+    poses: pl.DataFrame | None = None
+    """The robots' poses at each control tick, of a recording where they were seen; None if they were not requested."""
     faults: pl.DataFrame | None = None
     """One row per fault of a robot; None if robots cannot fail in this scenario."""
     places: pl.DataFrame | None = None

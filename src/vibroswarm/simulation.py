@@ -12,20 +12,21 @@ import polars as pl
 
 import vibroswarm.motion.event.event_run
 import vibroswarm.motion.fixed_step
-import vibroswarm.motion.physics.sources  # noqa: F401  (these make themselves known as sources)
+import vibroswarm.motion.physics.wheels_run  # noqa: F401  (these make themselves known as sources)
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.jit import source_hash
 from vibroswarm.core.rng import SEED_LIMIT
-from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
-from vibroswarm.inference.motion_feedback import Wanted, steered_motion, until_all_decided
-from vibroswarm.inference.outcomes import outcome_tables
+from vibroswarm.inference.motion_feedback import steered_motion, until_all_decided
+from vibroswarm.inference.outcomes import outcome_tables, with_shares
 from vibroswarm.inference.replay import infer_and_report
 from vibroswarm.localisation.locate import is_estimated, place_frame
-from vibroswarm.motion.source import Motion, join, source
+from vibroswarm.motion.motion_tables import Motion
+from vibroswarm.motion.pose import poses_of
+from vibroswarm.motion.source import moved
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.observation.observe import observe
 from vibroswarm.result import Result, change_frame, floor_frame
@@ -33,9 +34,6 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import fault_frame
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import known
-
-PIECE_S = 100.0
-"""Length of the pieces in which motion advances if progress is reported, s."""
 
 Progress = Callable[[float], None]
 """Called now and then with the share of the work done, in [0, 1]."""
@@ -47,7 +45,7 @@ def simulate(
     runs: int | Iterable[int] = 1,
     *,
     motion: str = "event",
-    segments: bool = False,
+    poses: bool = False,
     moves: bool = False,
     energies: bool = True,
     progress: Progress | None = None,
@@ -59,7 +57,7 @@ def simulate(
         seed: a whole number in [0, 2^63). The same scenario, seed and run number give the same result, bit by bit.
         runs: number of runs (they are numbered from 0), or a list of run numbers.
         motion: name of the source of motion.
-        segments: whether the result shall have the table ``segments``, from which poses at any time can be computed.
+        poses: whether the result shall have the table ``poses``, with a row for each robot and control tick.
         moves: whether it shall have the table ``moves``, with a row for each drive, turn, avoidance and stop; it has
             this table in any case if the network or localisation reads it.
         energies: whether it shall have the energies of the samples.
@@ -77,18 +75,21 @@ def simulate(
     readings_boundary(scenario)
     strategy_used(scenario)
     floors = floors_of(scenario, seed, chosen)
-    wanted = Wanted(segments=segments, moves=moves or needs_moves(scenario))
+    moves = moves or needs_moves(scenario)
     if by_decisions := motion_by_decisions(scenario):
-        moved = by_decisions(scenario, seed, chosen, floors, motion, wanted, progress)
+        motions = by_decisions(scenario, seed, chosen, floors, motion, moves or poses, progress)
     else:
-        moved = _to_the_end(scenario, seed, chosen, motion, wanted, progress)
-    observations = observe(scenario, seed, moved.samples, floors, energies=energies)
-    timeline = timeline_of(scenario, moved)
+        motions = moved(motion, scenario, seed, chosen, moves or poses, progress)
+    observations = observe(scenario, seed, motions.samples, floors, energies=energies)
+    timeline = timeline_of(scenario, motions)
     inference, finals, reports = infer_and_report(scenario, seed, timeline, observations)
-    if not wanted.moves:
-        moved = replace(moved, moves=None)  # a motion source may return moves that were not requested
     places = places_of(scenario, seed, timeline)
-    return result_of(scenario, seed, floors, moved, observations, inference, finals, motion, places, reports)
+    made = result_of(
+        scenario, seed, floors, motions, observations, inference, finals, motion, places, reports
+    )
+    if poses and motions.moves is not None:  # a user's source may have no moves
+        made = replace(made, poses=poses_of(motions.moves, motions.ends, scenario.run.control_period_ms))
+    return made if moves else replace(made, moves=None)
 
 
 def motion_by_decisions(scenario: Scenario) -> Callable[..., Motion] | None:
@@ -139,7 +140,6 @@ def replay(result: Result, scenario: Scenario) -> Result:
     motion = Motion(
         samples=result.motion,
         ends=result.ends,
-        segments=result.segments,
         moves=result.moves,
         failures=result.failures,
     )
@@ -153,9 +153,10 @@ def replay(result: Result, scenario: Scenario) -> Result:
     timeline = timeline_of(scenario, motion)
     inference, finals, reports = infer_and_report(scenario, seed, timeline, observations)
     places = places_of(scenario, seed, timeline)
-    return result_of(
+    made = result_of(
         scenario, seed, floors, motion, observations, inference, finals, result.source, places, reports
     )
+    return replace(made, poses=result.poses)
 
 
 def places_of(scenario: Scenario, seed: int, timeline: Timeline) -> pl.DataFrame | None:
@@ -228,27 +229,6 @@ def steers(scenario: Scenario) -> bool:
     return chosen is not None and chosen.steer is not None
 
 
-def _to_the_end(
-    scenario: Scenario, seed: int, runs: Sequence[int], motion: str, wanted: Wanted, progress: Progress | None
-) -> Motion:
-    """Simulate the motion of all runs to ``run.t_end_s``.
-
-    With ``progress``, runs are simulated one by one in pieces of ``PIECE_S``, so that progress can be reported. The
-    result is the same.
-    """
-    engine = source(motion)
-    if progress is None:
-        return engine.batch(scenario, seed, runs, *wanted)
-    pieces = []
-    for done, run in enumerate(runs):
-        state = engine.init(scenario, seed, run, *wanted)
-        while not reached(state.time_s, scenario.run.t_end_s, scenario.run.control_period_ms):
-            pieces.append(state.advance(min(state.time_s + PIECE_S, scenario.run.t_end_s)))
-            # A state ends at a whole tick, which may be later than t_end_s: hence at most 1.
-            progress((done + min(state.time_s / scenario.run.t_end_s, 1.0)) / len(runs))
-    return join(pieces)
-
-
 def result_of(
     scenario: Scenario,
     seed: int,
@@ -274,14 +254,13 @@ def result_of(
         seed=seed,
         motion=motion.samples,
         ends=motion.ends,
-        segments=motion.segments,
         moves=motion.moves,
         failures=motion.failures,
         places=places,
         reports=reports,
         observations=observations,
         inference=inference,
-        robots=robots,
+        robots=with_shares(robots, motion.samples),
         runs=of_runs,
         floors=floor_frame(floors),
         changes=change_frame(floors),

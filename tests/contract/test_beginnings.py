@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from vibroswarm import preset
-from vibroswarm.motion.source import source
+from vibroswarm.motion.source import moved
 from vibroswarm.study.batch import beginning
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.spec import Study
@@ -20,13 +20,13 @@ RUNS = list(range(5))
 def test_the_beginning_of_a_longer_motion_is_the_shorter_one(name: str, motion: str) -> None:
     """Ends at, just before and just after samples and the stops for them, and off the ticks."""
     longer = preset(name).with_values({"swarm.robots": 6, "run.t_end_s": 120.0})
-    whole = source(motion).batch(longer, 1, RUNS, False)
+    whole = moved(motion, longer, 1, RUNS)
     some = whole.samples.filter((whole.samples["run"] == 3) & (whole.samples["time_s"] > 60.0))
     moments = [time_s for column in ("time_s", "stop_start_s") for time_s in some[column].to_list()[:3]]
     for moment in moments:
         for shift in (-0.02, -0.01, 0.0, 0.02, 0.04):
             shorter = longer.with_values({"run.t_end_s": round(moment + shift, 4)})
-            own, cut = source(motion).batch(shorter, 1, RUNS, False), beginning(whole, shorter)
+            own, cut = moved(motion, shorter, 1, RUNS), beginning(whole, shorter)
             assert cut.samples.equals(own.samples)
             known = ["run", "robot", "end_s", "stop_start_s"]
             assert cut.ends.select(known).equals(own.ends.select(known)), (moment, shift)

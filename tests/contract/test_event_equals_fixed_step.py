@@ -11,17 +11,23 @@ import os
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
+from polars.testing import assert_frame_equal
 
 import twins
 import vibroswarm
 from helpers.commands import printed_by
 from helpers.drawn_scenarios import RAY_COUNTS
+from helpers.motion_runs import begun, ended, rows_of
 from helpers.walk_checks import assert_engines_agree, assert_same_rows
 from random_scenarios import APART, SECTIONS, Seeded, fitted, random_scenario, random_values
 from twins import judge
+from vibroswarm import simulate
+from vibroswarm.inference.outcomes import SHARES
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
+from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.scenario.fault_fields import MotionFaults
 from vibroswarm.scenario.scenario import preset
 
@@ -227,7 +233,7 @@ def test_other_numbers_of_rays_are_identical_too():
 
 def test_the_comparison_of_moves_sees_one_that_lacks_or_lasts_longer():
     """Negative control."""
-    rows = EventRun(BASE, 12, 0, moves=True).rows(60.0)
+    rows = rows_of(begun(EventRun, BASE, 12, moves=True), 3000)
     longer = rows.moves.copy()
     longer["until"][40] += 1
     for moves, seen in ((np.delete(rows.moves, 40), "moves"), (longer, "until")):
@@ -239,17 +245,32 @@ def test_pieces_do_not_matter_where_lists_of_neighbours_are_made_anew():
     scenario = BASE.with_values(
         {"swarm.robots": 30, "arena.width_m": 2.0, "arena.height_m": 2.0, "run.t_end_s": 40.0}
     )
-    whole = EventRun(scenario, 14, 0).rows(40.0)
-    state, pieces = EventRun(scenario, 14, 0), []
-    for until_s in (0.02, 2.54, 2.56, 2.58, 5.12, 5.1201, 13.0, 13.0, 39.98, 40.0):
-        pieces.append(state.rows(until_s).samples)
-    assert (np.concatenate(pieces) == whole.samples).all()
-    assert (state.ends() == whole.ends).all()
+    whole = rows_of(begun(EventRun, scenario, 14))
+    state, pieces = begun(EventRun, scenario, 14), Collected()
+    for until in (1, 127, 128, 129, 256, 257, 650, 650, 1999, 2000):
+        state.advance(until, pieces.sink)
+    found = ended(state, pieces)
+    assert (found.samples == whole.samples).all()
+    assert (found.ends == whole.ends).all()
 
 
 @pytest.mark.parametrize("values", [{"walk.avoidance_threshold_mm": 51.0}, {"robot.turn_track_m": 0.0461}])
 def test_the_comparison_sees_a_small_difference(values):
     """Negative control: another threshold by 1 mm, another track by 0.1 mm, is not the same."""
-    stepped, jumped = FixedStepRun(BASE, 12, 0), EventRun(BASE.with_values(values), 12, 0)
+    stepped, jumped = begun(FixedStepRun, BASE, 12), begun(EventRun, BASE.with_values(values), 12)
     with pytest.raises(AssertionError, match="samples"):
-        assert_same_rows(stepped.rows(300.0), jumped.rows(300.0))
+        assert_same_rows(rows_of(stepped, 15_000), rows_of(jumped, 15_000))
+
+
+CROWD = {"swarm.robots": 30, "robot.body_radius_m": 0.035, "rays.side_m": [0.0], "rays.angle_deg": [0.0]}
+
+
+@pytest.mark.parametrize(("values", "low", "high"), [({"swarm.robots": 1}, 0.0, 0.0), (CROWD, 0.1, 0.9)])
+def test_both_engines_say_what_robots_do(values, low, high):
+    """One robot alone is never blocked; thirty of 7 cm that see only ahead often are."""
+    scenario = BASE.with_values(values | {"run.t_end_s": 120.0})
+    jumped, stepped = (simulate(scenario, 12, 2, motion=name).robots for name in ("event", "fixed-step"))
+    assert_frame_equal(jumped.select(*SHARES), stepped.select(*SHARES))
+    assert low <= jumped["blocked_share"].mean() <= high
+    *doing, _ = SHARES
+    np.testing.assert_allclose(jumped.select(pl.sum_horizontal(doing)).to_series(), 1.0, rtol=1e-6)

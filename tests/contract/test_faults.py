@@ -18,7 +18,7 @@ from helpers.result_outcomes import assert_same_outcomes, from_result
 from helpers.walk_checks import assert_engines_agree
 from vibroswarm.errors import InputError
 from vibroswarm.motion import source as motion_source
-from vibroswarm.motion.event.event_run import EVENT, EventRun
+from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.source import Source
 from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.result import Result
@@ -162,7 +162,7 @@ def test_the_swarm_settles_when_those_that_work_agree() -> None:
 
 def test_motion_is_untouched_by_what_does_not_touch_it() -> None:
     fine, failed = (
-        simulate(faulty(faults), 8, [0, 1], segments=True) for faults in ({}, SENSORS | OPPOSITE | RADIO)
+        simulate(faulty(faults), 8, [0, 1], poses=True) for faults in ({}, SENSORS | OPPOSITE | RADIO)
     )
     assert replay(fine, failed.scenario) == failed
     assert not fine.inference.equals(failed.inference)
@@ -206,7 +206,7 @@ TIMES: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("name", TIMES)
 def test_both_engines_move_alike_where_robots_stop(name: str) -> None:
     scenario = preset("paper-empirical").with_values({"run.t_end_s": 400.0} | TIMES[name])
-    assert_engines_agree(scenario, 5, range(6), segments=True)
+    assert_engines_agree(scenario, 5, range(6))
 
 
 @pytest.mark.parametrize(
@@ -221,19 +221,19 @@ def test_a_robot_stops_at_its_time_and_stays_and_the_others_go_round_it(
     values: dict[str, Any], first_s: float
 ) -> None:
     usual = preset("paper-empirical").with_values({"run.t_end_s": 400.0})
-    failed, fine = (simulate(one, 5, range(4), segments=True) for one in (usual.with_values(values), usual))
+    failed, fine = (simulate(one, 5, range(4), poses=True) for one in (usual.with_values(values), usual))
     changed = 0
     last_s = first_s and first_s + 1.01  # a robot that stands to sample stands for a second at most
     for run in range(4):
-        mine, theirs = (one.segments.filter(one.segments["run"] == run) for one in (failed, fine))  # type: ignore[union-attr]
-        early = mine["start_s"] < first_s - 1e-9
-        assert mine.filter(early).equals(theirs.filter(theirs["start_s"] < first_s - 1e-9)), (
+        mine, theirs = (one.poses.filter(run=run) for one in (failed, fine))  # type: ignore[union-attr]
+        early = mine["time_s"] < first_s - 1e-9
+        assert mine.filter(early).drop("kind").equals(theirs.filter(early).drop("kind")), (
             "nothing changes before"
         )
-        own = mine.filter(mine["robot"] == 0)
-        assert own.filter(own["start_s"] > last_s).is_empty()
+        own = mine.filter((mine["robot"] == 0) & (mine["time_s"] > last_s))
+        assert own.select("x_m", "y_m", "heading_rad").is_duplicated().all()
         last = own.row(-1, named=True)
-        assert (last["kind"], last["speed_m_s"], last["turn_rate_rad_s"]) == ("stop", 0.0, 0.0)
+        assert last["kind"] == "stop"
         samples = failed.motion.filter((failed.motion["run"] == run) & (failed.motion["robot"] == 0))
         assert (samples["time_s"] <= last_s).all()
         changed += not mine.filter(mine["robot"] != 0).equals(theirs.filter(theirs["robot"] != 0))
@@ -287,9 +287,7 @@ def test_without_faults_nothing_is_written_about_them() -> None:
 
 
 def test_a_source_that_knows_no_faults_is_refused() -> None:
-    motion_source.register(
-        Source("elsewhere", lambda *wanted, **tables: EventRun(*wanted, **tables), EVENT.batch)
-    )
+    motion_source.register(Source("elsewhere", EventRun))
     try:
         with pytest.raises(InputError, match="'event' and 'fixed-step' do") as caught:
             simulate(faulty({"stopped": [0]}), 1, motion="elsewhere")

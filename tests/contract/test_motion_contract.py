@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import polars as pl
 import pytest
 
 from helpers.walk_checks import (
@@ -43,10 +42,10 @@ def test_the_cases_hold_what_they_should() -> None:
     """Every kind of segment, blocked moves, interrupted avoidances: else a check might look at nothing."""
     kinds, blocked = set(), 0
     for case in CASES:
-        segments = motion_of(GOOD, case).segments
-        assert segments is not None
-        kinds |= set(segments["kind"].unique())
-        blocked += segments.filter((pl.col("kind") == "drive") & (pl.col("speed_m_s") == 0.0)).height
+        moves = motion_of(GOOD, case).moves
+        assert moves is not None
+        kinds |= set(moves["kind"].unique())
+        blocked += moves.filter(kind="drive", speed_m_s=0.0).height
     assert kinds == {"drive", "turn", "avoid", "stop"}
     assert blocked > 20
     assert {case.scenario.sample.timer for case in CASES} == set(TIMERS)

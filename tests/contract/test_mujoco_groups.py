@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import pdist, squareform
 
+from helpers.motion_runs import begun
 from vibroswarm.core.jit import kernel, zero_rows
 from vibroswarm.motion.control_step import ROBOT, Swarm
-from vibroswarm.motion.footprint import overlap
+from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.motion.physics.arcs import arc_between
-from vibroswarm.motion.physics.groups import members_of, set_groups
 from vibroswarm.motion.physics.library import calls
 from vibroswarm.motion.physics.wheels_model import (
     BASE_M,
@@ -29,7 +29,8 @@ from vibroswarm.motion.physics.wheels_model import (
     WHEELS,
     WIDTH_M,
 )
-from vibroswarm.motion.physics.wheels_run import WheelsRun
+from vibroswarm.motion.physics.wheels_run import WheelsRun, overlap
+from vibroswarm.motion.physics.wheels_step import members_of, set_groups
 from vibroswarm.scenario.scenario import Scenario
 
 CROWD = Scenario().with_values(
@@ -90,12 +91,12 @@ def path_of(gap_m: float | None) -> NDArray[np.float64]:
 
     ``gap_m`` replaces the distance within which robots are stepped together.
     """
-    state = WheelsRun(CROWD, 7, 0)
+    state = begun(WheelsRun, CROWD, 7, 0)
     if gap_m is not None:
         state.wheels = state.wheels._replace(gap_m=gap_m)
     places = []
     for period in range(500):
-        state.advance(0.02 * (period + 1))
+        state.advance(period + 1, Collected().sink)
         places.append(np.column_stack([state.swarm[name] for name in ("x_m", "y_m", "heading_rad")]))
     return np.array(places)
 
@@ -125,11 +126,11 @@ def test_the_wheels_are_within_the_outline() -> None:
 
 def test_a_robot_at_rest_stays_where_it_is() -> None:
     """It is not stepped: bit by bit the same place until its motors are on, as gyro says."""
-    state = WheelsRun(CROWD.with_values({"swarm.robots": 1}), 7, 0)
+    state = begun(WheelsRun, CROWD.with_values({"swarm.robots": 1}), 7, 0)
     kept = []
     for period in range(1000):
         before, old = state.data.ctrl[:2].any(), state.data.qpos.copy()
-        state.advance(0.02 * (period + 1))
+        state.advance(period + 1, Collected().sink)
         stands = not before and not state.data.ctrl[:2].any()
         kept.append((stands, bool((old == state.data.qpos).all()), float(state.swarm["gyro_deg"][0])))
     still = [gyro for stands, same, gyro in kept if stands and same]

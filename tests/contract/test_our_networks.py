@@ -132,12 +132,12 @@ def logs(scenario: Scenario, runs: int, seed: int = 5) -> list[MessageLog]:
 
 def test_who_is_in_range_hears() -> None:
     """Brute force: distances between the poses of another table, which differ by millimetres while robots turn."""
-    result = simulate(over("range", range_m=0.4), 5, 1, segments=True)
+    result = simulate(over("range", range_m=0.4), 5, 1, poses=True)
     log = message_log(result)
-    assert result.segments is not None
+    assert result.poses is not None
     checked = 0
     for k in range(0, log.sender.size, 3):
-        places = np.array([pose(result.segments, 0, i, 0.02 * int(log.tick[k]))[:2] for i in range(5)])
+        places = np.array([pose(result.poses, 0, i, 0.02 * int(log.tick[k]))[:2] for i in range(5)])
         distance = np.hypot(*(places - places[log.sender[k]]).T)
         clear = (np.abs(distance - 0.4) > 0.008) & (log.state[k] != OWN)
         assert ((log.arrival_tick[k] >= 0) == (distance < 0.4))[clear].all()

@@ -15,10 +15,9 @@ from polars.testing import assert_frame_equal
 
 from helpers.drawn_scenarios import Draw, draws
 from helpers.result_outcomes import assert_same_outcomes, from_result
-from vibroswarm.inference.motion_feedback import motion_until
 from vibroswarm.motion import source as motion_source
-from vibroswarm.motion.event.event_run import EVENT, EventRun
-from vibroswarm.motion.source import Source, source
+from vibroswarm.motion.event.event_run import EventRun
+from vibroswarm.motion.source import Source, moved
 from vibroswarm.optimize import outcomes as simulated
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import Outcomes, outcomes_of
@@ -149,14 +148,13 @@ def test_where_a_run_stops_does_not_matter() -> None:
 def test_a_run_that_ends_with_the_last_decision_is_one_whole(engine: str) -> None:
     """Its tables are those of a run that is moved to that end."""
     scenario = preset("paper").with_values({"run.stop": "all_decided", "run.t_end_s": 700.0})
-    result = simulate(scenario, 3, [0, 2], motion=engine, segments=True, moves=True)
+    result = simulate(scenario, 3, [0, 2], motion=engine, poses=True, moves=True)
     for run in (0, 2):
         end_s = float(result.ends.filter(run=run)["end_s"][0])
-        whole = source(engine).init(scenario, 3, run, segments=True, moves=True).advance(end_s)
+        whole = moved(engine, scenario, 3, [run], moves=True, until=[round(end_s / scenario.tick_s)])
         for name, table in (
             ("motion", "samples"),
             ("ends", "ends"),
-            ("segments", "segments"),
             ("moves", "moves"),
         ):
             assert getattr(result, name).filter(run=run).equals(getattr(whole, table)), name
@@ -168,11 +166,11 @@ def test_how_far_runs_are_moved_first_does_not_matter(monkeypatch: pytest.Monkey
     scenario = preset("paper").with_values({"decision.min_observations": 100, "floor.source": "random:0.32"})
     ends_s = []
 
-    def moved(*arguments: Any) -> Any:
-        ends_s.append(arguments[-1].tolist())
-        return motion_until(*arguments)
+    def noted(*arguments: Any, until: list[int]) -> Any:
+        ends_s.append([tick * scenario.tick_s for tick in until])
+        return moved(*arguments, until=until)
 
-    monkeypatch.setattr(simulated, "motion_until", moved)
+    monkeypatch.setattr(simulated, "moved", noted)
     simulated._needed_s.cache_clear()
     (whole,) = outcomes_of([scenario], 3, range(20))
     assert ends_s == [[1200.0] * 20]
@@ -335,27 +333,18 @@ def test_a_message_is_zero_before_the_strategy_fills_it() -> None:
 
 
 class OfTables:
-    """A run of a source that gives tables and nothing else: those of the engine."""
+    """A state that is none of ours: that of the engine in another class."""
 
-    def __init__(self, *wanted: Any, **tables: Any) -> None:
-        self.run: Any = EventRun(*wanted, **tables)
+    def __init__(self, *wanted: Any) -> None:
+        self.state: Any = EventRun(*wanted)
 
-    @property
-    def time_s(self) -> float:
-        return float(self.run.time_s)
-
-    def advance(self, until_s: float) -> Any:
-        return self.run.advance(until_s)
-
-    def copy(self) -> OfTables:
-        other = object.__new__(OfTables)
-        other.run = self.run.copy()
-        return other
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.state, name)
 
 
 @pytest.fixture
 def of_tables() -> Iterator[str]:
-    made: Any = Source("of-tables", OfTables, EVENT.batch)
+    made: Any = Source("of-tables", OfTables)
     yield motion_source.register(made).name
     motion_source.forget("of-tables")
 
@@ -366,7 +355,7 @@ def test_robots_of_a_source_that_gives_tables_alone_do_as_those_of_the_engine(of
     (found,) = outcomes_of([scenario], 5, [1, 2], of_tables)
     assert_same_outcomes(found, by_tables(scenario, 5, [1, 2]))
     early = scenario.with_values({"run.stop": "all_decided"})
-    one, other = (simulate(early, 5, [1, 2], motion=name, segments=True) for name in ("event", of_tables))
+    one, other = (simulate(early, 5, [1, 2], motion=name, poses=True) for name in ("event", of_tables))
     assert (one.ends["end_s"] < 150.0).any()
-    for name in ("motion", "ends", "segments", "inference", "robots", "runs"):
+    for name in ("motion", "ends", "poses", "inference", "robots", "runs"):
         assert_frame_equal(getattr(one, name), getattr(other, name), check_exact=True)

@@ -76,16 +76,14 @@ def test_times_are_late_by_at_most_a_camera_loop_and_counters_are_exact(
 
 
 def stands_at(result: Result, robot: int, times: np.ndarray) -> np.ndarray:
-    own = result.segments.filter(run=1, robot=robot).sort("start_s")
-    return (own["kind"] == "stop").to_numpy()[
-        own["start_s"].search_sorted(times, side="right").to_numpy() - 1
-    ]
+    own = result.poses.filter(run=1, robot=robot).sort("time_s")
+    return (own["kind"] == "stop").to_numpy()[own["time_s"].search_sorted(times, side="right").to_numpy() - 1]
 
 
 def test_a_session_can_be_watched_where_the_robots_were(recording: Recording, made: Result) -> None:
     times = np.arange(1.0, 399.0, 7.3)
     for robot in range(5):
-        seen, was = pose(recording.segments, 1, robot, times), pose(made.segments, 1, robot, times)
+        seen, was = pose(recording.poses, 1, robot, times), pose(made.poses, 1, robot, times)
         off = np.hypot(*(seen - was)[:, :2].T)
         assert off.max() < 0.004  # a straight line for an arc of a quarter of a second, and 2 mm of standing
         often = np.arange(1.0, 399.0, 0.05)

@@ -204,9 +204,7 @@ def test_another_strategy_decides_as_its_simulation_does(
 
 
 def test_as_many_are_heard_as_the_log_counts(told: Scenario, ground: Floor, tmp_path: Path) -> None:
-    result = simulate(
-        told.with_values({"network.name": "loss", "network.loss.share": 0.2}), 5, 1, segments=True
-    )
+    result = simulate(told.with_values({"network.name": "loss", "network.loss.share": 0.2}), 5, 1, poses=True)
     write_log(result, tmp_path / "lossy.csv")
     found = recording_of([read_log(tmp_path / "lossy.csv")], ground, described(told), RULES)
     one, _ = replayed_table(found, scenario_of(found, told), seed=1)

@@ -12,7 +12,8 @@ from vibroswarm import preset, replay, simulate
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import infer
 from vibroswarm.inference.replayer import Replayer
-from vibroswarm.motion.source import Motion, source
+from vibroswarm.motion.motion_tables import Motion
+from vibroswarm.motion.source import moved as motion_of
 from vibroswarm.observation.observe import observe
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -23,7 +24,7 @@ BASE = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observat
 
 @pytest.fixture(scope="module")
 def moved() -> Result:
-    return simulate(BASE, 9, 3, segments=True)
+    return simulate(BASE, 9, 3, poses=True)
 
 
 @pytest.mark.parametrize(
@@ -42,7 +43,7 @@ def moved() -> Result:
 )
 def test_a_replay_is_the_simulation(moved: Result, values: dict[str, object]) -> None:
     scenario = BASE.with_values(values)
-    assert replay(moved, scenario) == simulate(scenario, 9, 3, segments=True)
+    assert replay(moved, scenario) == simulate(scenario, 9, 3, poses=True)
     assert not replay(moved, scenario).same_tables(moved)
 
 
@@ -72,7 +73,7 @@ def test_more_messages_than_there_is_room_for_at_first_are_all_there(monkeypatch
 @pytest.fixture(scope="module")
 def seen() -> tuple[Scenario, Motion, pl.DataFrame]:
     scenario = Scenario().with_values({"run.t_end_s": 150.0, "decision.min_observations": 20})
-    motion = source("event").batch(scenario, 5, [1, 2, 6], False)
+    motion = motion_of("event", scenario, 5, [1, 2, 6])
     return scenario, motion, observe(scenario, 5, motion.samples, floors_of(scenario, 5, [1, 2, 6]))
 
 

@@ -47,15 +47,20 @@ import warnings
 import numpy as np
 from vibroswarm.motion.event import event_run
 from vibroswarm.motion.event.event_run import EventRun
+from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.scenario.scenario import Scenario
+def whole(scenario):
+    state = EventRun(scenario)
+    state.begin(3, 0)
+    state.advance(scenario.ticks, Collected().sink)
 warnings.simplefilter("ignore", RuntimeWarning)  # of places in which there is no robot
 for robots in (1, 2, 16, 17, 36):  # 16: the largest swarm without lists of neighbours
     scenario = Scenario().with_values({values!r} | {{"swarm.robots": robots}})
-    EventRun(scenario, 3, 0, segments=True).rows(scenario.run.t_end_s)
-small = event_run.empty_lists(36, EventRun(scenario, 3, 0).setup)[:, :4].copy()
+    whole(scenario)
+small = event_run.empty_lists(36, EventRun(scenario).setup)[:, :4].copy()
 event_run.empty_lists = lambda robots, setup: small
 try:
-    EventRun(scenario, 3, 0).rows(scenario.run.t_end_s)
+    whole(scenario)
 except IndexError:
     print("seen")
 """

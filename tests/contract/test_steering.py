@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -14,13 +13,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from helpers.motion_runs import RunRows, begun, ended, rows_of
 from helpers.walk_checks import CASES, CHECKS, Check, assert_same_rows, check_in
 from vibroswarm.errors import InputError
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.kernel_run import KernelRun
-from vibroswarm.motion.recorder import Rows, joined, tables
-from vibroswarm.motion.source import Motion, Source
+from vibroswarm.motion.motion_tables import Collected, Sink
+from vibroswarm.motion.source import Source
 from vibroswarm.robot.walk import (
     AVOID,
     DRIVE,
@@ -61,35 +61,35 @@ def never(run: int, robot: int, sample: int) -> Way:
     return NAN, NAN
 
 
-def rows_of(state: KernelRun, until_s: float, decide: Decide) -> Rows:
-    """What a state writes up to a time, steered after each sample."""
-    samples, moves, segments = ([state.record.samples[:0]], list[Any](), list[Any]())
-    scenario, since = state.scenario, state.tick
+def steer_to(state: KernelRun, until: int, sink: Sink, decide: Decide) -> None:
+    """Advance a state up to a tick, steered after each sample."""
+    here: list[NDArray[np.void]] = []
 
-    def keep(rows: NDArray[np.void]) -> None:
-        samples.append(joined([rows]))
+    def take(rows: NDArray[np.void]) -> None:
+        here.append(rows.copy())
+        sink.samples(rows)
 
-    while state.tick * scenario.tick_s < until_s - 1e-9:
-        if not state.to_sample(until_s, keep, moves.append, segments.append):
+    while state.tick < until:
+        here.clear()
+        if not state.to_sample(until, Sink(take, sink.moves)):
             continue
-        here = samples[-1]
-        assert (here["tick"] == state.tick - 1).all(), "samples are of the last control period"
-        assert (np.diff(here["robot"].astype(int)) > 0).all()
-        for row in here:
+        (rows,) = here
+        assert (rows["tick"] == state.tick - 1).all(), "samples are of the last control period"
+        assert (np.diff(rows["robot"].astype(int)) > 0).all()
+        for row in rows:
             state.steer(int(row["robot"]), *decide(state.run, int(row["robot"]), int(row["sample"])))
-    rows = Rows(joined(samples), joined(segments) if segments else None, state.ends())
-    if state.record.moves.size == 0:
-        return rows
-    if state.tick > since:
-        moves.append(state.moves_under_way())
-    all_moves = joined(moves or [state.record.moves[:0]])
-    return rows._replace(moves=all_moves[np.lexsort((all_moves["robot"], all_moves["tick"]))])
 
 
-def both(scenario: Scenario, seed: int, run: int, decide: Decide) -> tuple[Rows, Rows]:
-    end_s = scenario.run.t_end_s
-    engines = (FixedStepRun, EventRun)
-    stepped, jumped = (rows_of(engine(scenario, seed, run, moves=True), end_s, decide) for engine in engines)
+def steered_rows(engine: type[KernelRun], scenario: Scenario, seed: int, run: int, decide: Decide) -> RunRows:
+    state, taken = begun(engine, scenario, seed, run, moves=True), Collected()
+    steer_to(state, scenario.ticks, taken.sink, decide)
+    return ended(state, taken)
+
+
+def both(scenario: Scenario, seed: int, run: int, decide: Decide) -> tuple[RunRows, RunRows]:
+    stepped, jumped = (
+        steered_rows(engine, scenario, seed, run, decide) for engine in (FixedStepRun, EventRun)
+    )
     return stepped, jumped
 
 
@@ -170,42 +170,31 @@ def test_any_setting_is_steered_the_same_way(
 def test_nan_and_nan_is_not_to_steer(engine: type[KernelRun], name: str) -> None:
     """And samples that are handed over one control period at a time are those of a whole run."""
     scenario = BASE.with_values({"run.t_end_s": 100.0} | SETTINGS[name])
-    end_s = scenario.run.t_end_s
-    whole = engine(scenario, 3, 1, segments=True, moves=True).rows(end_s)
-    asked = rows_of(engine(scenario, 3, 1, segments=True, moves=True), end_s, never)
-    for table in ("samples", "segments", "ends", "moves"):
+    whole = rows_of(begun(engine, scenario, 3, 1, moves=True))
+    asked = steered_rows(engine, scenario, 3, 1, never)
+    for table in ("samples", "ends", "moves"):
         assert getattr(whole, table).tobytes() == getattr(asked, table).tobytes(), table
 
 
 # A source that steers keeps the contract
 
 
-@dataclass
 class SteeredRun:
     """A run steered at random after each sample."""
 
-    state: KernelRun
+    def __init__(self, state: KernelRun) -> None:
+        self.state = state
 
-    @property
-    def time_s(self) -> float:
-        return self.state.time_s
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.state, name)
 
-    def advance(self, until_s: float) -> Motion:
-        since = self.state.tick
-        rows = rows_of(self.state, until_s, at_random())
-        empty = self.state.record
-        if rows.segments is None and empty.segments.size > 0:
-            rows = rows._replace(segments=empty.segments[:0])
-        assert self.state.tick >= since
-        return tables([rows], self.state.tick_ms)
-
-    def copy(self) -> SteeredRun:
-        return SteeredRun(self.state.copy())
+    def advance(self, until: int, sink: Sink) -> None:
+        steer_to(self.state, until, sink, at_random())
 
 
 STEERED = [
-    Source("fixed-step, steered", lambda *args, **wanted: SteeredRun(FixedStepRun(*args, **wanted))),
-    Source("event, steered", lambda *args, **wanted: SteeredRun(EventRun(*args, **wanted))),
+    Source("fixed-step, steered", lambda *wanted: SteeredRun(FixedStepRun(*wanted))),
+    Source("event, steered", lambda *wanted: SteeredRun(EventRun(*wanted))),
 ]
 
 
@@ -217,26 +206,10 @@ def test_a_source_that_steers_keeps_the_contract(engine: Source, check: Check) -
     check_in(tuple(case for case in CASES if case.name != "hundred robots"), check, engine)
 
 
-@pytest.mark.parametrize("engine", [FixedStepRun, EventRun])
-def test_a_branch_that_is_steered_leaves_the_other_as_it_is(engine: type[KernelRun]) -> None:
-    scenario = BASE.with_values({"run.t_end_s": 60.0})
-    alone, state = engine(scenario, 5, 0, moves=True), engine(scenario, 5, 0, moves=True)
-    sampled: list[int] = []
-    for one in (alone, state):
-        assert one.to_sample(60.0, lambda rows: sampled.extend(rows["robot"].tolist()))
-    branch = state.copy()
-    branch.steer(sampled[0], 90.0, 500.0)
-    turned = branch.rows(60.0)
-    went = state.rows(60.0)
-    assert went.samples.tobytes() == alone.rows(60.0).samples.tobytes()
-    assert turned.samples.tobytes() != went.samples.tobytes()
-
-
 # What a robot does that is steered
 
 
-def of_robot(rows: Rows, robot: int) -> NDArray[np.void]:
-    assert rows.moves is not None
+def of_robot(rows: RunRows, robot: int) -> NDArray[np.void]:
     return rows.moves[rows.moves["robot"] == robot]
 
 
@@ -247,13 +220,12 @@ OPEN = {"swarm.robots": 2, "arena.width_m": 200.0, "arena.height_m": 200.0, "swa
 @pytest.mark.parametrize("engine", [FixedStepRun, EventRun])
 def test_a_robot_turns_and_drives_as_it_is_told_and_then_walks_on_as_drawn(engine: type[KernelRun]) -> None:
     scenario = BASE.with_values(OPEN | {"sample.sample_interval_ms": 20_000.0, "run.t_end_s": 300.0})
-    end_s = scenario.run.t_end_s
 
     def once(run: int, robot: int, sample: int) -> Way:
         return (77.0, 3000.0) if (robot, sample) == (0, 1) else (NAN, NAN)
 
-    rows = rows_of(engine(scenario, 8, 0, moves=True), end_s, once)
-    plain = rows_of(engine(scenario, 8, 0, moves=True), end_s, never)
+    rows = steered_rows(engine, scenario, 8, 0, once)
+    plain = steered_rows(engine, scenario, 8, 0, never)
     (sample,) = rows.samples[(rows.samples["robot"] == 0) & (rows.samples["sample"] == 1)]
     moves = of_robot(rows, 0)
     after = moves[moves["tick"] > sample["tick"]]
@@ -317,11 +289,11 @@ def test_the_program_that_is_steered(resume: int) -> None:
 
 @pytest.mark.parametrize("engine", [FixedStepRun, EventRun])
 def test_what_cannot_be_steered_is_refused(engine: type[KernelRun]) -> None:
-    state = engine(BASE, 5, 0)
+    state = begun(engine, BASE, 5)
     with pytest.raises(InputError, match="has not just sampled"):
         state.steer(0, 10.0)
     sampled: list[int] = []
-    assert state.to_sample(100.0, lambda rows: sampled.extend(rows["robot"].tolist()))
+    assert state.to_sample(5000, Sink(lambda rows: sampled.extend(rows["robot"].tolist())))
     for values, field in (
         ((99, 1.0, 1.0), "robot"),
         ((-1, 1.0, 1.0), "robot"),
@@ -335,12 +307,12 @@ def test_what_cannot_be_steered_is_refused(engine: type[KernelRun]) -> None:
     (other, *_) = set(range(BASE.swarm.robots)) - set(sampled)
     with pytest.raises(InputError, match="has not just sampled"):
         state.steer(other, 1.0, 1.0)
-    state.rows(state.time_s + BASE.tick_s)
+    state.advance(state.tick + 1, Collected().sink)
     with pytest.raises(InputError, match="has not just sampled"):
         state.steer(sampled[0], 1.0, 1.0)
 
 
 def test_to_sample_stops_at_the_time_asked_for() -> None:
-    state = EventRun(BASE, 5, 0)
-    assert not state.to_sample(0.5, lambda rows: pytest.fail("nobody samples so early"))
-    assert state.time_s == 0.5
+    state = begun(EventRun, BASE, 5)
+    assert not state.to_sample(25, Sink(lambda rows: pytest.fail("nobody samples so early")))
+    assert state.tick == 25

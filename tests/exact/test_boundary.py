@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from vibroswarm.analysis.decidability import decidability
 from vibroswarm.documents.run import run_document
 from vibroswarm.floors.floor import Floor
-from vibroswarm.motion.source import MOTION
+from vibroswarm.motion.motion_tables import MOTION
 from vibroswarm.observation.decision_boundary import (
     expected_ones,
     expected_ones_on,

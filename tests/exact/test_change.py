@@ -366,7 +366,7 @@ def test_what_does_not_fit_is_refused(values: dict[str, Any], field: str, words:
 def test_the_floor_of_a_recording_may_change(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The log of a simulated run, imported with its floor: tiles, truths and replays are those of the run."""
     simulated = simulate(
-        scenario(**{"floor.source": "diagonal:0.46", "run.t_end_s": 300.0}), 4, 1, segments=True
+        scenario(**{"floor.source": "diagonal:0.46", "run.t_end_s": 300.0}), 4, 1, poses=True
     )
     write_log(simulated, tmp_path / "log.csv")
     told = preset("paper").with_values({"floor.source": "diagonal:0.46", **INVERTED, "change.at_s": 60})

@@ -13,7 +13,7 @@ from vibroswarm import Result, Scenario, preset, simulate
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer_and_report
-from vibroswarm.motion.source import Motion
+from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.observation.energy_model import likelihood_at
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import SensorModel, forget, register

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from helpers.motion_runs import begun
 from vibroswarm.core.rng import OF_SITE, PLACEMENT, uniform
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
@@ -38,4 +39,4 @@ def test_each_robot_has_a_site_of_its_own(engine: type[EventRun | FixedStepRun])
 
 def test_a_swarm_with_room_does_not_start_on_the_lattice() -> None:
     fewer = CROWDED.with_values({"swarm.robots": 20})
-    assert np.unique(EventRun(fewer, 5, 0).swarm["x_m"]).size == 20
+    assert np.unique(begun(EventRun, fewer, 5, 0).swarm["x_m"]).size == 20

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from vibroswarm.floors.floor import Floor, Place
-from vibroswarm.motion.source import MOTION
+from vibroswarm.motion.motion_tables import MOTION
 from vibroswarm.observation.decision_boundary import sensed_shares_on
 from vibroswarm.observation.edge_response import nearest_of_kind, response_of
 from vibroswarm.observation.energy_model import error_rates, shares_below

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import truncnorm
 
+from helpers.motion_runs import begun as begun_run
 from vibroswarm.localisation.locate import program_of, speed_law
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.geometry import arc, wall_distance
@@ -390,6 +391,8 @@ def test_the_law_of_speeds_knows_that_runs_differ() -> None:
         }
     )
     differing = alike.with_values({"robot.speed_run_spread": 0.1})
-    drawn = np.concatenate([EventRun(differing, 3, run).swarm["speed_factor"] for run in range(1500)])
+    drawn = np.concatenate(
+        [begun_run(EventRun, differing, 3, run).swarm["speed_factor"] for run in range(1500)]
+    )
     assert speed_law(differing.robot) == pytest.approx((drawn.mean(), drawn.std()), rel=0.03)
     assert speed_law(alike.robot)[1] < 0.6 * drawn.std()

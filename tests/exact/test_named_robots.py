@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from helpers.motion_runs import begun
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.scenario.scenario import Scenario
@@ -28,7 +29,7 @@ def test_each_robot_has_the_body_that_is_named_and_beyond_the_last_it_begins_aga
         PLAIN | {"robot.speed_factors": [1.0, 1.25], "robot.misalignments": [0.1, -0.2, 0.05], "swarm.robots": 4,
                  "rays.forward_each_m": [0.01, 0.02, 0.03]}
     )  # fmt: skip
-    swarm = engine(scenario, 3, 0).swarm
+    swarm = begun(engine, scenario, 3).swarm
     assert swarm["speed_factor"].tolist() == [1.0, 1.25, 1.0, 1.25]
     assert swarm["misalignment"].tolist() == [0.1, -0.2, 0.05, 0.1]
     assert swarm["ray_forward_m"].tolist() == [0.01, 0.02, 0.03, 0.01]
@@ -54,7 +55,7 @@ def blind_spans(blind_ms: float | None) -> list[float]:
         {"arena.width_m": 0.2, "arena.height_m": 0.2, "swarm.robots": 1, "walk.blind_after_turn_ms": blind_ms,
          "sample.sample_interval_ms": 1e6, "walk.leg_min_ms": 1e8, "walk.leg_max_ms": 1e8, "run.t_end_s": 100.0}
     )  # fmt: skip
-    paths = simulate(scenario, 4, 1, motion="fixed-step", segments=True).segments
+    paths = simulate(scenario, 4, 1, motion="fixed-step", moves=True).moves
     assert paths is not None
     modes = paths.filter(pl.col("kind") != pl.col("kind").shift(1, fill_value=""))
     before, after = (modes["kind"].shift(by) == "avoid" for by in (1, -1))

@@ -10,7 +10,7 @@ import pytest
 
 from vibroswarm.localisation.locate import program_of
 from vibroswarm.localisation.odometry import ODOMETER, measure_moves
-from vibroswarm.motion.source import ENDS, MOVES
+from vibroswarm.motion.motion_tables import ENDS, MOVES
 from vibroswarm.scenario.scenario import Scenario
 
 EXACT = {

@@ -25,7 +25,8 @@ from vibroswarm.analysis.sampling import (
 )
 from vibroswarm.calibrate.message_loss import windows_of
 from vibroswarm.errors import InputError
-from vibroswarm.motion.source import MOTION
+from vibroswarm.inference.outcomes import SHARES
+from vibroswarm.motion.motion_tables import MOTION
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.result import Result
@@ -47,7 +48,7 @@ def tables(
     for run, robot, t, x, y, avoid, tile, bit in rows:
         sample = seen.setdefault((run, robot), 0)
         seen[run, robot] += 1
-        motion.append((run, robot, sample, t - 1, t, x, y, 0.0, 1.0, 0.0, avoid, 1.0))
+        motion.append((run, robot, sample, t - 1, t, x, y, 0.0, 1.0, 0.0, avoid, 1.0, 0.0))
         observations.append((run, robot, sample, tile, None, bit))
     return (
         pl.DataFrame(motion, schema=MOTION, orient="row"),
@@ -67,7 +68,7 @@ def test_tables_that_do_not_fit_are_refused() -> None:
     by_tiles_visited = walk_figures(motion, observations).to_dicts()
     assert by_tiles_visited[0] == walk_figures(motion, observations, tiles=4).to_dicts()[0]
     assert by_tiles_visited[1] == {"run": 2, "samples": 1, "ones": 1.0} | dict.fromkeys(
-        ("avoid_per_sample_s", "distance_m", "spacing_s", "effective_samples")
+        ("avoid_per_sample_s", "distance_m", "spacing_s", "effective_samples", *SHARES)
     )
     with pytest.raises(InputError, match="tile 3 was sampled"):
         walk_figures(motion, observations, tiles=3)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from vibroswarm.floors.floor import Floor
-from vibroswarm.motion.source import MOTION
+from vibroswarm.motion.motion_tables import MOTION
 from vibroswarm.observation.energy_model import energies_of, error_rates, shares_below
 from vibroswarm.observation.observe import OBSERVATIONS, observe
 from vibroswarm.scenario.fields import Sensor

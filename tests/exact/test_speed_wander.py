@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
+from helpers.motion_runs import begun
 from vibroswarm.core.jit import kernel
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.robot_params import AT_ONCE, draw_speed_factors, setup_of, speed_quantiles
@@ -60,7 +61,7 @@ LISTED = {"robot.speed_redraw": "robot", "robot.speed_factors": [1.0, 1.2], "swa
 
 def speeds_at_start(values: dict[str, object], runs: int) -> np.ndarray:
     scenario = Scenario().with_values(values)
-    return np.array([EventRun(scenario, 3, run).swarm["speed_factor"].tolist() for run in range(runs)])
+    return np.array([begun(EventRun, scenario, 3, run).swarm["speed_factor"].tolist() for run in range(runs)])
 
 
 def test_a_run_has_another_speed_which_the_robot_keeps() -> None:

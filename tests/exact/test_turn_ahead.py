@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vibroswarm.motion.event.turn_ahead import turn_ahead
+from vibroswarm.motion.event.trajectory import turn_ahead
 
 HORIZON = 250
 

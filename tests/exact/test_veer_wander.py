@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from helpers.motion_runs import begun
 from vibroswarm.core.jit import kernel
 from vibroswarm.motion.event.event_run import EventRun
+from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.motion.robot_params import AT_ONCE, draw_veer_shifts, setup_of
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.scenario.validation import widest_veer_shift
@@ -61,9 +63,9 @@ def test_a_robot_has_the_shift_of_its_latest_sample(drift_samples: int) -> None:
     own = {"robot.misalignments": [0.01, -0.02], "swarm.robots": 2}
     veer = {"robot.misalignment_wander": 0.02, "robot.misalignment_drift": 0.01}
     values = own | veer | {"robot.misalignment_drift_samples": drift_samples}
-    state, met = EventRun(Scenario().with_values(values), 5, 0), set()
+    state, met = begun(EventRun, Scenario().with_values(values), 5, 0), set()
     for time_s in range(0, 400, 4):
-        state.advance(float(time_s))
+        state.advance(50 * time_s, Collected().sink)
         for robot, misalignment in enumerate(own["robot.misalignments"]):
             samples = int(state.swarm["samples"][robot])
             met.add(samples % AT_ONCE)
@@ -76,10 +78,12 @@ def test_a_robot_has_the_shift_of_its_latest_sample(drift_samples: int) -> None:
 def test_a_run_has_another_veer_and_a_robot_of_the_paper_has_one() -> None:
     own = {"robot.misalignments": [0.01, -0.02], "swarm.robots": 2}
     days = Scenario().with_values(own | {"robot.misalignment_run_spread": 0.02})
-    runs = np.array([EventRun(days, 3, run).swarm["misalignment"].tolist() for run in range(300)])
+    runs = np.array([begun(EventRun, days, 3, run).swarm["misalignment"].tolist() for run in range(300)])
     assert runs.std(axis=0) == pytest.approx([0.02, 0.02], rel=0.15)
     assert runs.mean(axis=0) == pytest.approx([0.01, -0.02], abs=0.005)
     assert abs(np.corrcoef(runs.T)[0, 1]) < 0.2
-    kept = [EventRun(Scenario().with_values(own), 3, run).swarm["misalignment"].tolist() for run in (0, 1)]
+    kept = [
+        begun(EventRun, Scenario().with_values(own), 3, run).swarm["misalignment"].tolist() for run in (0, 1)
+    ]
     assert kept == [[0.01, -0.02]] * 2
     assert widest_veer_shift(preset("paper")) == 0.0

@@ -16,8 +16,9 @@ from scipy import stats
 
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.motion.fixed_step import FIXED_STEP
+from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.robot_params import walk_program
-from vibroswarm.motion.source import Motion
+from vibroswarm.motion.source import moved as simulated
 from vibroswarm.robot.walk import (
     ALWAYS,
     AVOID,
@@ -77,9 +78,9 @@ OPEN: dict[str, Any] = {
 """One even robot with no wall within 400 m."""
 
 
-def moved(runs: int = 1, segments: bool = True, seed: int = 2, **changes: Any) -> Motion:
+def moved(runs: int = 1, seed: int = 2, **changes: Any) -> Motion:
     values = OPEN | {name.replace("__", "."): value for name, value in changes.items()}
-    return FIXED_STEP.batch(Scenario().with_values(values), seed, range(runs), segments)
+    return simulated(FIXED_STEP, Scenario().with_values(values), seed, range(runs), moves=True)
 
 
 # Steps by hand
@@ -342,8 +343,8 @@ def test_undisturbed_samples_are_evenly_spaced(interval_ms: float, stop_ms: floa
 
 def legs_and_turns(motion: Motion, run: int) -> list[tuple[str, float, float, float]]:
     """(kind, duration s, angle turned rad, displacement m) of each leg and each turn that is complete."""
-    assert motion.segments is not None
-    rows = motion.segments.filter((pl.col("run") == run) & (pl.col("kind") != "stop")).with_columns(
+    assert motion.moves is not None
+    rows = motion.moves.filter((pl.col("run") == run) & (pl.col("kind") != "stop")).with_columns(
         group=pl.col("kind").rle_id()
     )
     columns = [rows[name].to_numpy() for name in ("start_s", "x_m", "y_m", "heading_rad")]
@@ -398,9 +399,9 @@ def test_misalignment_speed_and_battery_scale_a_turn_too() -> None:
         robot__speed_factor_max=1.2, robot__battery_life_s=8400.0, sample__sample_interval_ms=3000.0,
         run__t_end_s=600.0,
     )  # fmt: skip
-    assert motion.segments is not None
+    assert motion.moves is not None
     samples = np.r_[0.0, motion.samples["time_s"].to_numpy()]
-    rows = motion.segments.filter(pl.col("kind") != "stop")
+    rows = motion.moves.filter(pl.col("kind") != "stop")
     # Read at the latest sample before (a period begun at a sample's own tick is the first with the new one).
     latest = samples[np.searchsorted(samples, rows["start_s"].to_numpy() + 1e-9) - 1]
     full = 0.0549 * 1.2 * (1 - latest / 8400.0)
@@ -408,8 +409,8 @@ def test_misalignment_speed_and_battery_scale_a_turn_too() -> None:
     np.testing.assert_allclose(rows["speed_m_s"].to_numpy()[drive], full[drive], rtol=1e-12)
     turning = rows["turn_rate_rad_s"].to_numpy()
     np.testing.assert_allclose(turning[drive], 2 * 0.08 * full[drive] / 0.0394, rtol=1e-12)
-    share = turning * 0.046 / (2 * full)  # command of the turn, 1 at most
-    assert np.abs(share[~drive]).max() == pytest.approx(1.0, rel=1e-12)
+    share = turning * 0.046 / (2 * full)  # mean command of the turn, 1 at most
+    assert 0.8 < np.abs(share[~drive]).max() < 1.0
     np.testing.assert_allclose(
         rows["speed_m_s"].to_numpy()[~drive], (0.08 * share * full)[~drive], rtol=1e-9, atol=1e-15
     )

@@ -6,7 +6,8 @@ import numpy as np
 
 from vibroswarm.inference.closed_loop import ClosedLoop
 from vibroswarm.inference.motion_feedback import steer_on, steerable
-from vibroswarm.motion.source import source
+from vibroswarm.motion.motion_tables import Collected
+from vibroswarm.motion.source import started
 from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -19,9 +20,10 @@ def followed(scenario: Scenario, seed: int) -> tuple[ClosedLoop, Result]:
     loop = ClosedLoop(scenario, seed)
     (ground,) = sensed_floors(scenario, seed, [0], {0: result.floor(0)})
     loop.begin(0, ground)
-    state = steerable(source("event").init(scenario, seed, 0, False, True), "event")
-    while state.time_s < scenario.run.t_end_s:
-        steer_on(state, loop, scenario.run.t_end_s)
+    state = steerable(started("event", scenario, moves=True), "event")
+    state.begin(seed, 0)
+    while state.tick < scenario.ticks:
+        steer_on(state, loop, scenario.ticks, Collected().sink)
     return loop, result
 
 

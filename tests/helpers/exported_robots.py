@@ -295,7 +295,8 @@ def measured_at_each_tick(scenario: Scenario, seed: int, ticks: int) -> np.ndarr
     from vibroswarm.core.jit import entry_for
     from vibroswarm.motion.fixed_step import FixedStepRun, steps
 
-    run = FixedStepRun(scenario, seed, 0)
+    run = FixedStepRun(scenario)
+    run.begin(seed, 0)
     run.tick = 1  # at 0 they stand
     found = np.empty((ticks, scenario.swarm.robots, 2))
     arguments = (run.swarm, run.setup, run.speeds, run.record, seed, 0)

@@ -46,6 +46,7 @@ from helpers import drawn_video
 from vibroswarm import InputError, Result, Scenario, load_code, preset, simulate
 from vibroswarm.cli import main as vibroswarm
 from vibroswarm.export.c_library import library_files
+from vibroswarm.inference.outcomes import SHARES
 from vibroswarm.scenario.plugins import is_code
 from vibroswarm.simulation import versions
 
@@ -77,6 +78,8 @@ COLUMNS = {
 
 Hashes = dict[str, Any]
 """Hashes by name of what they are of; those of a command's tables by table and column."""
+LEFT_OUT = ("blocked_s", *SHARES)
+"""Columns of tables of commands that are not hashed: what robots do, which follows from other columns."""
 
 
 def made_by() -> dict[str, str]:
@@ -254,7 +257,7 @@ def hashes_of_table(frame: pl.DataFrame) -> dict[str, str]:
     return {
         name: hashlib.sha256(bits_of(frame[name])).hexdigest()[:8]
         for name, kind in frame.schema.items()
-        if kind.is_numeric() or kind == pl.Boolean
+        if (kind.is_numeric() or kind == pl.Boolean) and not name.startswith(LEFT_OUT)
     }
 
 

@@ -40,23 +40,22 @@ BODY = {
 
 
 class Walker:
-    """One robot on its random walk, a tick at a time; writes its segments and its samples."""
+    """One robot on its random walk, a tick at a time; writes its poses and its samples."""
 
     def __init__(self, robot: int, seed: int, x: float, y: float) -> None:
         self.robot, self.chance = robot, random.Random(f"{seed}/{robot}")
         self.x, self.y, self.heading = x, y, self.chance.uniform(-math.pi, math.pi)
         self.veer = self.chance.uniform(-0.25, 0.25)
         self.kind, self.left_s, self.leg_s, self.clock_s, self.to_turn = "drive", 0.0, 10.0, 0.0, 0.0
-        self.segments: list[tuple[Any, ...]] = []
+        self.poses: list[tuple[Any, ...]] = []
         self.samples: list[tuple[Any, ...]] = []
         self.last: tuple[str, float, float] | None = None
 
     def step(self, now: float, others: list[Walker]) -> None:
         speed, rate = self.motion(others)
-        if (self.kind, speed, rate) != self.last:
-            wrapped = math.remainder(self.heading, 2 * math.pi)
-            self.segments.append((self.robot, now, self.x, self.y, wrapped, speed, rate, self.kind))
-            self.last = (self.kind, speed, rate)
+        wrapped = math.remainder(self.heading, 2 * math.pi)
+        self.poses.append((self.robot, now, self.x, self.y, wrapped, self.kind))
+        self.last = (self.kind, speed, rate)
         half = rate * TICK_S / 2
         chord = speed * TICK_S * (math.sin(half) / half if half else 1.0)
         self.x += chord * math.cos(self.heading + half)
@@ -109,7 +108,7 @@ class Walker:
 
 
 def walk(robots: int, t_end_s: float, seed: int) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Motion and segments of ``robots`` walkers."""
+    """Motion and poses of ``robots`` walkers."""
     chance = random.Random(seed)
     spots = chance.sample([(0.15 + 0.14 * i, 0.15 + 0.14 * j) for i in range(6) for j in range(6)], robots)
     walkers = [Walker(robot, seed, *spot) for robot, spot in enumerate(spots)]
@@ -124,11 +123,11 @@ def walk(robots: int, t_end_s: float, seed: int) -> tuple[pl.DataFrame, pl.DataF
     names = ["robot", "sample", "stop_start_s", "time_s", "x_m", "y_m", "heading_rad"]
     times = ["drive_s", "turn_s", "avoid_s", "stop_s"]
     motion = pl.DataFrame([s for w in walkers for s in w.samples], schema=[*names, *times], orient="row")
-    segment = ["robot", "start_s", "x_m", "y_m", "heading_rad", "speed_m_s", "turn_rate_rad_s", "kind"]
-    segments = pl.DataFrame([s for w in walkers for s in w.segments], schema=segment, orient="row")
+    columns = ["robot", "time_s", "x_m", "y_m", "heading_rad", "kind"]
+    poses = pl.DataFrame([s for w in walkers for s in w.poses], schema=columns, orient="row")
     kinds = {"robot": pl.UInt16}
     motion = motion.cast({**kinds, "sample": pl.UInt32, **dict.fromkeys(times, pl.Float32)})
-    return motion.insert_column(0, _run(motion)), segments.cast(kinds).insert_column(0, _run(segments))
+    return motion.insert_column(0, _run(motion)), poses.cast(kinds).insert_column(0, _run(poses))
 
 
 def believe(
@@ -212,7 +211,7 @@ def make_record(
     side = 1 - 2 * border_m
     shape = np.shape(tiles)
     floor = Floor(np.array(tiles), side / shape[1], side / shape[0], border_m, border_m, "made up")
-    motion, segments = walk(robots, t_end_s, seed)
+    motion, poses = walk(robots, t_end_s, seed)
     rule = {**RULE, "min_observations": min_observations}
     observations, inference = believe(
         motion, floor, seed, min_observations, rule["credible_threshold"], heard
@@ -227,7 +226,7 @@ def make_record(
         "title": title, "arena": {"width_m": 1.0, "height_m": 1.0}, "floor": floor, "t_end_s": t_end_s,
         "strategy": "none", "seed": seed, "run": 0, "fill_ratio": floor.fill_ratio, "consensus": consensus,
         "consensus_time_s": None if -1 in decisions else float(table["decision_time_s"].max()),
-        "rule": rule, "body": BODY, "motion": motion, "segments": segments,
+        "rule": rule, "body": BODY, "motion": motion, "poses": poses,
         "observations": observations, "inference": inference, "robots": table,
         "details": {"scenario": "0f3a9c2e77b1", "vibroswarm": "0.1.0", "numpy": "2.4.6"},
     }  # fmt: skip

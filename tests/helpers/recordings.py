@@ -36,7 +36,7 @@ def told() -> Scenario:
 
 @pytest.fixture(scope="session")
 def made(told: Scenario) -> Result:
-    return simulate(told, 7, 2, segments=True)
+    return simulate(told, 7, 2, poses=True)
 
 
 @pytest.fixture(scope="session")

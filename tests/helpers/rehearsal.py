@@ -73,7 +73,7 @@ def write_rehearsal(
     """Render a run of a result as a video, and write the files that go with it.
 
     Args:
-        result: with paths (``segments=True``). out: the video; the other files are named after it.
+        result: with paths (``poses=True``). out: the video; the other files are named after it.
         markers: of the robots, one for each robot of the result in the order of their numbers, and of the floor.
         look: how the video is recorded. run, seed: number of the run, and seed of what is random in the video.
         start_s, duration_s: beginning and length of the part of the run that is filmed; None: to the run's end.

@@ -351,8 +351,8 @@ def scene_of(
     Raises:
         InputError: the result has no paths.
     """
-    if result.segments is None:
-        raise InputError("needs paths; simulate with segments=True", field="RESULT")
+    if result.poses is None:
+        raise InputError("needs paths; simulate with poses=True", field="RESULT")
     arena = result.scenario.arena
     corners = [markers.floor_corners(marker) for marker in markers.floor]
     # The image must contain the floor markers, and the arena with 5 mm around it. The x of the markers is
@@ -379,6 +379,6 @@ def scene_of(
 
 def poses_at(result: Result, run: int, robots: int, times_s: Floats) -> Floats:
     """Return the poses of the robots 0 to ``robots`` - 1 of a run, (times, robots, 3): x, y (m), heading (rad)."""
-    segments = result.segments
-    assert segments is not None  # ``scene_of`` has refused a result without paths
-    return np.stack([pose(segments, run, robot, times_s) for robot in range(robots)], axis=1)
+    poses = result.poses
+    assert poses is not None  # ``scene_of`` has refused a result without paths
+    return np.stack([pose(poses, run, robot, times_s) for robot in range(robots)], axis=1)

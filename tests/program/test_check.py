@@ -9,7 +9,6 @@ import pytest
 from helpers.commands import refusal_of
 from vibroswarm.cli import main
 from vibroswarm.testing import motion as motion_checks
-from vibroswarm.testing import motion_tables
 from vibroswarm.testing.motion_cases import CASES
 
 NETWORK = """from vibroswarm.networks import Network
@@ -36,40 +35,43 @@ def truth(floor, asked, p):
 
 mine = Task(name="mine", truth=truth)
 """
-MOTION = """from dataclasses import dataclass, replace
-from typing import Any
-
-import polars as pl
-
-from vibroswarm.motion.source import Motion, Source
+MOTION = """from vibroswarm.motion.motion_tables import Sink
+from vibroswarm.motion.source import Source
 from vibroswarm.motion.event.event_run import EVENT
 
 
-@dataclass
 class Mine:
-    inner: Any
-    start_s: float = 0.0
+    def __init__(self, scenario, moves):
+        self.inner = EVENT.start(scenario, moves)
 
-    @property
-    def time_s(self):
-        return self.inner.time_s
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
 
-    def advance(self, until_s):
-        self.start_s = self.inner.time_s
-        return self.told(self.inner.advance(until_s))
+    def begin(self, seed, run):
+        self.begun_at = 0
+        self.inner.begin(seed, run)
 
-    def told(self, motion):
-        return motion
+    def advance(self, until, sink):
+        self.begun_at = self.inner.tick
+        self.inner.advance(until, self.through(sink))
 
-    def copy(self):
-        return replace(self, inner=self.inner.copy())
+    def finish(self, sink):
+        return self.ends(self.inner.finish(self.through(sink)))
+
+    def through(self, sink):
+        return Sink(lambda rows: sink.samples(self.samples(rows)), lambda rows: sink.moves(self.moves(rows)))
+
+    def samples(self, rows):
+        return rows
+
+    def moves(self, rows):
+        return rows
+
+    def ends(self, rows):
+        return rows
 
 
-def init(scenario, seed, run, segments=False, moves=False):
-    return Mine(EVENT.init(scenario, seed, run, segments=segments, moves=moves))
-
-
-mine = Source("mine", init)
+mine = Source("mine", Mine)
 """
 SENSOR = """import numpy as np
 
@@ -136,11 +138,10 @@ BROKEN = {
     ),
     "motion": (
         MOTION.replace(
-            "        return motion\n",
-            "        late = pl.col('x_m') + 1e-5 * (pl.col('start_s') > 20)\n"
-            "        return replace(motion, segments=motion.segments and motion.segments.with_columns(x_m=late))\n",
-        ).replace("motion.segments and", "None if motion.segments is None else"),
-        "Each segment ends where the next begins: nobody jumps",
+            "    def moves(self, rows):\n",
+            "    def moves(self, rows):\n        rows['x_m'] += 1e-5 * (rows['tick'] > 1000)\n",
+        ),
+        "The arc of a move ends where the next begins, the last one where the table of ends puts the robot",
     ),
 }
 """A file of each kind that is wrong, and what is said of it."""
@@ -151,8 +152,7 @@ BROKEN = {
 def test_what_is_wrong_is_said(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (motion_checks, motion_tables):
-        monkeypatch.setattr(module, "CASES", CASES[:2])
+    monkeypatch.setattr(motion_checks, "CASES", CASES[:2])
     text, words = BROKEN[kind]
     (tmp_path / "file.py").write_text(text, encoding="utf-8")
     assert main(["check", f"{tmp_path / 'file.py'}:mine"]) == 1

@@ -33,7 +33,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a result, its video and what belongs to it: 14 s of five robots at low resolution."""
     folder = tmp_path_factory.mktemp("a session")
     scenario = preset("paper").with_values({"run.t_end_s": 14.0, "floor.source": "random:0.48"})
-    result = simulate(scenario, 3, 1, segments=True)
+    result = simulate(scenario, 3, 1, poses=True)
     result.write(folder / "run")
     rows = ["".join(map(str, row)) for row in result.floor(0).tiles.tolist()]
     (folder / "floor.txt").write_text("\n".join(rows) + "\n", encoding="utf-8")

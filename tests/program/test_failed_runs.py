@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import polars as pl
@@ -10,8 +9,7 @@ import pytest
 
 from helpers.commands import json_of, words_of
 from vibroswarm.motion.fixed_step import FixedStepRun
-from vibroswarm.motion.kernel_run import batch_of
-from vibroswarm.motion.recorder import Failure
+from vibroswarm.motion.motion_tables import Failure
 from vibroswarm.motion.source import Source, register
 from vibroswarm.study.study_result import StudyResult
 
@@ -25,14 +23,14 @@ class FailingRun(FixedStepRun):
     def move_on(self, until: int) -> int:
         if self.run in FAILED and until > AT_TICK:
             if self.failure is None:
-                self.failure = Failure(self.run, AT_TICK, "the test wants it")
+                self.failure = Failure(self.run, AT_TICK * self.tick_ms / 1000.0, "the test wants it")
             return until
         return super().move_on(until)
 
 
 @pytest.fixture
 def failing() -> str:
-    register(Source("gives-up", FailingRun, partial(batch_of, FailingRun), is_ours=True))
+    register(Source("gives-up", FailingRun, is_ours=True))
     return "gives-up"
 
 

@@ -41,40 +41,36 @@ halves = Task(name="halves", truth=truth, params=Params, answers=("it is the rig
 '''
 STANDING = '''"""Robots that stand in a row, and sample every ten seconds."""
 
-import math
+import numpy as np
 
-import polars as pl
-
-from vibroswarm.motion.source import ENDS, MOTION, Motion, Source
+from vibroswarm.motion.motion_tables import END_ROW, SAMPLE_ROW
+from vibroswarm.motion.source import Source
 
 
 class Standing:
-    def __init__(self, scenario, seed, run, segments=False, moves=False):
-        self.scenario, self.run, self.tick = scenario, run, 0
+    failure = None
 
-    @property
-    def time_s(self):
-        return self.tick * self.scenario.tick_s
+    def __init__(self, scenario, moves):
+        self.every, self.robots = round(10.0 / scenario.tick_s), scenario.swarm.robots
 
-    def advance(self, until_s):
-        since, s = self.tick, self.scenario
-        self.tick = max(self.tick, math.ceil(until_s / s.tick_s - 1e-9))
-        every, robots = round(10.0 / s.tick_s), range(s.swarm.robots)
-        place = [{"run": self.run, "robot": i, "x_m": 0.1 + 0.1 * i, "y_m": 0.5, "heading_rad": 0.0} for i in robots]
-        samples = [
-            one | {"sample": k, "time_s": (k + 1) * 10.0, "stop_start_s": k * 10.0, "stop_s": 10.0}
-            for k in range(max(since - 1, 0) // every, max(self.tick - 1, 0) // every)
-            for one in place
-        ]
-        spent = {"drive_s": 0.0, "turn_s": 0.0, "avoid_s": 0.0}
-        table = pl.DataFrame([row | spent for row in samples], schema=MOTION)
-        ends = pl.DataFrame([one | {"end_s": self.time_s, "stop_start_s": None} for one in place], schema=ENDS)
-        return Motion(table, ends)
+    def begin(self, seed, run):
+        self.run, self.tick = run, 0
 
-    def copy(self):
-        other = Standing(self.scenario, 0, self.run)
-        other.tick = self.tick
-        return other
+    def rows(self, dtype, **values):
+        rows = np.zeros(self.robots, dtype=dtype)
+        rows["robot"], rows["x_m"], rows["y_m"] = np.arange(self.robots), 0.1 + 0.1 * np.arange(self.robots), 0.5
+        for name, value in values.items():
+            rows[name] = value
+        return rows
+
+    def advance(self, until, sink):
+        for k in range(max(self.tick - 1, 0) // self.every, max(until - 1, 0) // self.every):
+            times = {"tick": (k + 1) * self.every, "stop_tick": k * self.every, "stop": self.every}
+            sink.samples(self.rows(SAMPLE_ROW, run=self.run, sample=k, **times))
+        self.tick = max(self.tick, until)
+
+    def finish(self, sink):
+        return self.rows(END_ROW, run=self.run, tick=self.tick, stop_tick=-1)
 
 
 standing = Source("standing", Standing)

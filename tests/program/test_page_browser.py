@@ -52,7 +52,7 @@ def check_numbers(page: Any, record: RunRecord, time_s: float) -> None:
     assert page.text_content("#now-decided") == str(decided)
 
 
-def test_robots_are_where_the_segments_say(open_page: Open, record: RunRecord) -> None:
+def test_robots_are_where_the_tables_say(open_page: Open, record: RunRecord) -> None:
     page = open_page()
     for row in record.motion.sample(60, seed=1).to_dicts():
         pose = page.evaluate("([id, t]) => vibroswarm.pose(id, t)", [row["robot"], row["time_s"] - 0.5])

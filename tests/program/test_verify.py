@@ -21,7 +21,7 @@ SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("verify") / "result"
-    simulate(SHORT, 3, 4, segments=True).write(folder)
+    simulate(SHORT, 3, 4, poses=True).write(folder)
     return folder
 
 
@@ -33,7 +33,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("table", "column"), [("robots", "belief_below"), ("segments", "x_m"), ("motion", "time_s")]
+    ("table", "column"), [("robots", "belief_below"), ("poses", "x_m"), ("motion", "time_s")]
 )
 def test_one_bit_is_seen(tmp_path: Path, result: Path, table: str, column: str) -> None:
     """Negative control: the last bit of one number of one run is changed."""

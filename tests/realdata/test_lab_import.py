@@ -50,7 +50,7 @@ def test_what_the_simulator_ran_with(simulated: Recording) -> None:
 def test_a_real_session_is_a_result_like_any(real: Recording) -> None:
     record = record_of(real, 1)
     assert record.strategy == "positive feedback"
-    assert record.segments.height > 20_000
+    assert record.poses.height > 20_000
     assert lag_one(real).estimate == pytest.approx(0.24, abs=0.04)
 
 

@@ -32,7 +32,7 @@ from vibroswarm.simulation import simulate
 def made(runs: int = 2, **changes: Any) -> Result:
     values = {name.replace("__", "."): value for name, value in changes.items()}
     base = preset("paper-empirical").with_values({"floor.redraw": "study", **values})
-    return simulate(base, 21, runs, segments=True)
+    return simulate(base, 21, runs, poses=True)
 
 
 def test_the_papers_robots() -> None:
@@ -53,7 +53,7 @@ def test_speeds_that_robots_keep() -> None:
     found = {one.name: one.interval for one in figures_of(result)}
     assert found["share_between"].estimate > 0.9
     assert found["within_m_s"].estimate < 0.002
-    untracked = drive_table(replace(result, segments=None))["speed_m_s"].mean()
+    untracked = drive_table(replace(result, poses=None))["speed_m_s"].mean()
     assert untracked == pytest.approx(found["speed_m_s"].estimate, rel=0.05)
 
 

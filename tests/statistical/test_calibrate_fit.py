@@ -68,7 +68,7 @@ BASE = on_floor(preset("paper-empirical"), FLOOR)
 def made(runs: int = 8, **changes: Any) -> Dataset:
     values = MADE | {name.replace("__", "."): value for name, value in changes.items()}
     scenario = BASE.with_values({name: value for name, value in values.items() if value is not None})
-    return dataset_of([simulate(scenario, 41, runs, segments=True)])
+    return dataset_of([simulate(scenario, 41, runs, poses=True)])
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_drives(found: Dataset) -> None:
 
 
 def test_speeds_of_the_paper_are_not_taken_for_robots_own() -> None:
-    fit = fit_drive(dataset_of([simulate(BASE, 42, 2, segments=True)]), BASE)
+    fit = fit_drive(dataset_of([simulate(BASE, 42, 2, poses=True)]), BASE)
     assert fit.values["share_between"] < 0.2
     assert fit.fields(BASE)["robot.speed_redraw"] == "sample"
     assert fit.fields(BASE)["robot.speed_wander"] is None
@@ -427,7 +427,7 @@ def test_robots_of_the_base_do_not_remain_in_a_fit_to_others(monkeypatch: pytest
         return AvoidanceFit(draws, np.full(20, 0.05), {}, 0)
 
     monkeypatch.setattr(fit_module, "fit_avoidance", fitted_avoidance)
-    recorded = dataset_of([simulate(BASE.with_values({"run.t_end_s": 600.0}), 42, 2, segments=True)])
+    recorded = dataset_of([simulate(BASE.with_values({"run.t_end_s": 600.0}), 42, 2, poses=True)])
     calibrated = preset("calibrated").with_values(
         {"floor.tiles": BASE.floor.tiles, "floor.source": "recorded", "robot.speed_run_spread": 0.05}
     )

@@ -47,7 +47,7 @@ def log_means(sensor: Sensor) -> np.ndarray:
 @pytest.fixture(scope="module")
 def laws() -> list[Law]:
     scenario = preset("calibrated").with_values({"run.t_end_s": 600.0, "floor.source": "random:0.48"})
-    found = dataset_of([simulate(scenario, 3, len(SESSIONS), segments=True)])
+    found = dataset_of([simulate(scenario, 3, len(SESSIONS), poses=True)])
     return [law_of_sessions(found, [session], "one session", draws=10) for session in SESSIONS]
 
 

@@ -16,7 +16,8 @@ from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import infer
 from vibroswarm.localisation.locate import PLACES, locate
-from vibroswarm.motion.source import Motion, source
+from vibroswarm.motion.motion_tables import Motion
+from vibroswarm.motion.source import moved as motion_of
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario
@@ -29,7 +30,7 @@ GOOD = PAPER.with_values({"localisation.method": "mixture"})
 
 @cache
 def moved() -> Motion:
-    return source("event").batch(PAPER, SEED, range(RUNS), False, True)
+    return motion_of("event", PAPER, SEED, range(RUNS), True)
 
 
 @cache

@@ -9,7 +9,7 @@ import pytest
 from vibroswarm import preset, simulate
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import replay_to_end
-from vibroswarm.motion.source import source
+from vibroswarm.motion.source import moved
 from vibroswarm.observation.observe import observe
 from vibroswarm.simulation import floors_of
 
@@ -28,7 +28,7 @@ ASKED = preset("paper").with_values(
 @pytest.mark.long
 def test_few_false_alarms_and_few_misses() -> None:
     """In 300 runs 1 alarm at 1 %, 3 at 2 %, 1 miss at 10 %. A prior of which nearly all vibrates raises alarms."""
-    motion = source("event").batch(ASKED, SEED, range(RUNS), False, True)
+    motion = moved("event", ASKED, SEED, range(RUNS), True)
     timeline = timeline_of(ASKED, motion)
 
     def said(fill: float, median: float) -> np.ndarray:

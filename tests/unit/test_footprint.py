@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
-from vibroswarm.motion.footprint import half_extents, overlap, with_room
+from vibroswarm.motion.physics.wheels_run import half_extents, overlap, with_room
 
 SIZE = (0.033, 0.025)
 Pose = tuple[float, float, float]

@@ -12,7 +12,7 @@ ALONE = {"swarm.robots": 1, "strategy.name": "none", "run.stop": "t_end", "run.t
 
 
 def paths_of(name: str, motion: str = "event") -> pl.DataFrame:
-    found = simulate(preset(name).with_values(ALONE), 1, 5, motion=motion, segments=True).segments
+    found = simulate(preset(name).with_values(ALONE), 1, 5, motion=motion, moves=True).moves
     assert found is not None
     return found
 

@@ -21,7 +21,7 @@ def try_to_read(path: Path) -> None:
         log = read_log(path)
         found = recording_of([log], Floor.filling([[0, 1], [1, 0]]), preset("paper"), any_floor=True)
         assert found.motion.height == found.observations.height == found.inference.height > 0
-        assert np.isfinite(found.segments.select("x_m", "y_m", "heading_rad", "speed_m_s").to_numpy()).all()
+        assert np.isfinite(found.poses.select("x_m", "y_m", "heading_rad").to_numpy()).all()
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))

@@ -14,7 +14,7 @@ import pytest
 from vibroswarm import strategies
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference.reports import REPORTS
-from vibroswarm.motion.source import FAILURES
+from vibroswarm.motion.motion_tables import FAILURES
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate, versions
@@ -32,7 +32,7 @@ SHORT: dict[str, Any] = {
 def result() -> Result:
     """Two runs out of order, with everything."""
     scenario = Scenario().with_values({**SHORT, "faults.stuck_at_1": [2], "localisation.method": "mixture"})
-    simulated = simulate(scenario, 2**62 + 1, [4, 2**31], segments=True, moves=True)
+    simulated = simulate(scenario, 2**62 + 1, [4, 2**31], poses=True, moves=True)
     assert simulated.failures is None  # only simulators of physics fail
     return replace(
         simulated,
@@ -150,7 +150,7 @@ def test_nothing_half_written_is_left(
 # Damage
 
 
-@pytest.mark.parametrize("name", ["runs", "segments"])  # one that every result has, and one that not
+@pytest.mark.parametrize("name", ["runs", "poses"])  # one that every result has, and one that not
 @pytest.mark.parametrize("damage", ["empty", "cut", "text", "foreign"])
 def test_a_damaged_table_is_named(folder: Path, name: str, damage: str) -> None:
     path = folder / f"{name}.parquet"

@@ -52,11 +52,11 @@ def test_tables_group_by_what_is_varied(result: StudyResult) -> None:
 
 
 def test_a_run_is_made_again_with_all_its_samples(result: StudyResult) -> None:
-    again = result.result(3, [5, 7], segments=True)
+    again = result.result(3, [5, 7], poses=True)
     assert again.runs["run"].to_list() == [5, 7]
     kept = result.tables(3)[0].filter(pl.col("run").is_in([5, 7]))
     assert_frame_equal(again.robots, kept, check_exact=True)
-    assert again.segments is not None
+    assert again.poses is not None
     with pytest.raises(InputError, match="saves no samples"):
         result.samples()
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vibroswarm.inference.agents import silent_ticks
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import sent_messages
-from vibroswarm.motion.source import Motion
+from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.result import Result
 
 RECEIVED: Final = 0

@@ -54,8 +54,9 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.intervals import Interval, mean_interval, within
+from vibroswarm.core.numbers import percent
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.inference.outcomes import mean_by_run
+from vibroswarm.inference.outcomes import SHARES, SPENT, mean_by_run
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.result import Result
 
@@ -67,6 +68,7 @@ WALK: Final[dict[str, Any]] = {
     "spacing_s": pl.Float64,
     "ones": pl.Float64,
     "effective_samples": pl.Float64,
+    **SHARES,
 }
 """Columns of ``walk_figures``."""
 
@@ -88,7 +90,8 @@ def walk_figures(
     Returns: run; samples; avoid_per_sample_s, mean time spent avoiding per sample (null if the source cannot know it);
         distance_m and spacing_s, mean distance and time between consecutive samples of a robot (null if no robot has
         two); ones, share of readings of class 1; effective_samples, n_v (null without samples on tiles, infinite if
-        all tiles are visited equally often).
+        all tiles are visited equally often); the shares of the robots' time up to their last samples
+        (``outcomes.SHARES``; null if the source cannot know them).
     Raises:
         ValueError: the two tables have different numbers of rows.
         InputError: ``tiles`` is smaller than an index of a visited tile + 1.
@@ -98,6 +101,20 @@ def walk_figures(
     tile, observation = (observations[name].to_numpy() for name in ("tile", "observation"))
     figures = Walk(motion_samples).figures(tile, observation, tiles)
     return pl.DataFrame(figures).fill_nan(None).cast(WALK)  # type: ignore[arg-type]
+
+
+BLOCKED: Final = 0.1
+"""Share of the time from which commands warn that robots are blocked."""
+
+
+def blocked_words(share: float | None) -> str:
+    """Write that robots were blocked for this share of their time; empty below ``BLOCKED``, and if it is not known."""
+    if share is None or not share >= BLOCKED:
+        return ""
+    return (
+        f"robots were blocked for {percent(share)} of the time: they drove against a wall or another robot that their "
+        "rays did not see."
+    )
 
 
 class Walk:
@@ -156,12 +173,18 @@ class Walk:
         before, after = _consecutive(samples, self.first, self.count)
         x, y, t = (samples[name].to_numpy() for name in ("x_m", "y_m", "time_s"))
         per_step = _mean_of_steps(after, self.first)
+        spent = {
+            column: np.add.reduceat(samples[column].to_numpy().astype(np.float64), self.first)
+            for column in SPENT.values()
+        }
+        passed = spent["drive_s"] + spent["turn_s"] + spent["avoid_s"] + spent["stop_s"]
         distance = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2)
         avoid = samples["avoid_s"].to_numpy().astype(np.float64)  # null becomes nan
         return {
             "avoid_per_sample_s": mean_by_run(avoid, self.first),
             "distance_m": per_step(distance),
             "spacing_s": per_step(t[after] - t[before]),
+            **{name: spent[column] / passed for name, column in SPENT.items()},
         }
 
 

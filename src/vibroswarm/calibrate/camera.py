@@ -102,7 +102,7 @@ def corrected(result: Result, camera: Camera) -> Result:
     """Return a recording with the true positions of its samples and tracks; a simulation is returned unchanged.
 
     The positions of a recording are those that the camera saw. The positions of a simulation are true already. Only the
-    tables ``motion`` (of samples) and ``tracks`` change. Positions in ``ends`` and ``segments``, and the tiles in
+    tables ``motion`` (of samples) and ``tracks`` change. Positions in ``ends`` and ``poses``, and the tiles in
     ``observations``, stay those that the camera saw.
     """
     if camera == RIGHT or not isinstance(result, Recording):

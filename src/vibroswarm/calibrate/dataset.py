@@ -140,7 +140,7 @@ class Dataset:
 def dataset_of(results: Sequence[Result]) -> Dataset:
     """Gather recordings, or simulations with energies, into one dataset; each run is a session.
 
-    A simulation without segments has no paths, so it has no rows in ``approaches`` and ``turns``; the speeds of its
+    A simulation without poses has no paths, so it has no rows in ``approaches`` and ``turns``; the speeds of its
     drives are measured from sample to sample, and their veers are null.
 
     Sessions are numbered from 0, in the order of the results and, within a result, of its runs. ``REAL`` in the

@@ -120,11 +120,11 @@ def track_of(result: Result, run: int, robot: int) -> Floats | None:
     if isinstance(result, Recording):
         own = result.tracks.filter(run=run, robot=robot)
         return own.select("time_s", "x_m", "y_m").to_numpy() if own.height else None
-    if result.segments is None:
+    if result.poses is None:
         return None
     end_s = float(result.ends.filter(run=run, robot=robot)["end_s"][0])
     times = np.arange(0.0, end_s, STEP_S)
-    poses = pose(result.segments, run, robot, times)
+    poses = pose(result.poses, run, robot, times)
     return np.column_stack([times, poses[:, 0], poses[:, 1]])
 
 

@@ -34,8 +34,7 @@ from vibroswarm.calibrate.fit_rays import scaled_angles
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.motion.event.event_run import EventRun
-from vibroswarm.motion.kernel_run import likely_samples
-from vibroswarm.motion.recorder import SampleColumns
+from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.scenario.scenario import Scenario
 
 PRIOR: Final[dict[str, tuple[float, float]]] = {
@@ -262,13 +261,11 @@ def _simulated(scenario: Scenario, values: dict[str, float], speed_m_s: float, r
         values: parameters by name. speed_m_s: as for ``fields_of``. run: number of the run, for its random numbers.
     """
     tried = scenario.with_values(fields_of(values, scenario, speed_m_s))
-    state = EventRun(tried, _SEED, run)
-    taken = SampleColumns(state.tick_ms, likely_samples(tried))
-    state.go_on(tried.run.t_end_s, taken.take)
-    # No table is made, which would take as long as the motion. Samples are in the order of time.
-    columns = taken.by_name()
-    by_robot = np.argsort(columns["robot"], kind="stable")
-    ordered = {name: columns[name][by_robot] for name in COLUMNS}
+    state, taken = EventRun(tried), Collected()
+    state.begin(_SEED, run)
+    state.advance(tried.ticks, taken.sink)
+    table = taken.samples_frame(state.tick_ms).sort("robot", maintain_order=True)
+    ordered = {name: table[name].to_numpy() for name in COLUMNS}
     return summary(ordered, scenario.arena.size_m)
 
 

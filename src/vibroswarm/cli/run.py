@@ -46,8 +46,8 @@ def run(
         code_files([made], motion)  # refuses what cannot be saved, before anything is simulated
     # The older folder stays until the new one is complete and replaces it.
     claim(output, lambda folder: refuse_other_run(folder, made, scenario.seed, motion), at_once=False)
-    # Segments are the positions between samples. They are recorded only for the page, which needs them.
-    result = _simulate(made, scenario.seed, motion, segments=out is not None)
+    # Only the page needs the poses between samples.
+    result = _simulate(made, scenario.seed, motion, poses=out is not None)
     if out is not None:
         write_run_folder(result, out, pictures=pictures)
     why_not = why_no_page(result)
@@ -56,9 +56,9 @@ def run(
         print_paragraph(f"No page: {why_not}")
 
 
-def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Result:
+def _simulate(scenario: Scenario, seed: int, motion: str, poses: bool) -> Result:
     from vibroswarm.simulation import simulate
 
     say_compiling()
     with progress_bar("simulating") as progress:
-        return simulate(scenario, seed, runs=1, motion=motion, segments=segments, progress=progress)
+        return simulate(scenario, seed, runs=1, motion=motion, poses=poses, progress=progress)

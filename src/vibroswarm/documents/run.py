@@ -15,6 +15,7 @@ from vibroswarm.analysis.figures import ESTIMATES, run_figures
 from vibroswarm.analysis.map_figures import floor_maps, keeps_floor_map
 from vibroswarm.analysis.reports_over_time import report_headings, reports_over_time
 from vibroswarm.analysis.robot_knowledge import counted, gate_unreached
+from vibroswarm.analysis.sampling import blocked_words
 from vibroswarm.analysis.verdict import (
     OPINION_NOTE,
     Verdict,
@@ -34,7 +35,6 @@ from vibroswarm.core.numbers import count, first_of, number, stated_percent, ver
 from vibroswarm.documents.cell_figures import WIDEST_MAP, answers_table, tile_lines
 from vibroswarm.documents.knowledge import told
 from vibroswarm.inference.reports import ESTIMATE
-from vibroswarm.motion.source import if_loaded
 from vibroswarm.observation.decision_boundary import expected_classes_on
 from vibroswarm.plots.picture import save_figure
 from vibroswarm.plots.reports import draw_run_reports
@@ -79,7 +79,7 @@ def run_document(result: Result, run: int) -> Document:
             _when_given(found, answers),
         ),
         knew=told([scenario]),
-        warnings=(decidable.says if decidable.is_warning else "",),
+        warnings=(decidable.says if decidable.is_warning else "", _blocked(result.robots.filter(run=run))),
         parts=(
             Text(_what_ran(result, found, run)),
             *map(Text, _readings(result, run, found)),
@@ -112,12 +112,18 @@ def runs_document(result: Result) -> Document:
         title=f"{count(runs.height, 'run')} of {strategy_name(result.scenario.strategy.name)}",
         answer=(*failure_sentences(result), f"{count(runs.height, 'run')}: {outcome}."),
         knew=told([result.scenario]),
+        warnings=(_blocked(result.robots),),
         parts=(
             Text(f"{_swarm(result)}, on '{floor}', {_origin(result)}."),
             Table(runs, columns, name="runs"),
         ),
         made_by=_made_by(result),
     )
+
+
+def _blocked(robots: pl.DataFrame) -> str:
+    words = blocked_words(robots["blocked_share"].mean())  # type: ignore[arg-type]
+    return f"{words[:1].upper()}{words[1:]}"
 
 
 def _decisions(result: Result) -> tuple[str, pl.DataFrame]:
@@ -179,12 +185,8 @@ def _what_ran(result: Result, found: Verdict, run: int) -> str:
 
 
 def _swarm(result: Result) -> str:
-    scenario, moved = result.scenario, if_loaded(result.source)
-    bodies = ""
-    if moved is not None and moved.footprint_m is not None:  # whatever the scenario's robots are
-        length, width = (number(1000.0 * side_m, 0) for side_m in moved.footprint_m)
-        bodies = f" (boxes of {length} x {width} mm)"
-    return f"{count(scenario.swarm.robots, 'robot')}{bodies}, {strategy_name(scenario.strategy.name)}"
+    scenario = result.scenario
+    return f"{count(scenario.swarm.robots, 'robot')}, {strategy_name(scenario.strategy.name)}"
 
 
 def _origin(result: Result) -> str:

@@ -14,6 +14,7 @@ from typing import Final
 
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import side
+from vibroswarm.analysis.sampling import blocked_words
 from vibroswarm.analysis.verdict import answers_of as answers_in_words
 from vibroswarm.core.numbers import (
     Estimate,
@@ -275,9 +276,12 @@ def warnings_of(outcome: Outcome) -> list[str]:
     failed = _each_once(
         (one.cell.name, failed_words(one.failed, one.summary.runs)) for one in cells if one.failed.height
     )
+    blocked = _each_once(
+        (one.cell.name, words) for one in cells if (words := blocked_words(one.walk["blocked_share"]))
+    )
     faulty = _each_once((one.cell.name, _fault_words(one)) for one in cells if one.cell.scenario.faults.kinds)
     every = (
-        *floors, *unreached, *failed, *faulty, *_missing_runs(outcome), *_store_warnings(outcome),
+        *floors, *unreached, *failed, *blocked, *faulty, *_missing_runs(outcome), *_store_warnings(outcome),
         _imprecise(outcome),
     )  # fmt: skip
     return list(filter(None, every))

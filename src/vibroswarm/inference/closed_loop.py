@@ -54,7 +54,7 @@ def record_samples(
     """Append new samples and their readings to the buffer; return the new number of samples.
 
     Args:
-        rows: the new samples (``motion.recorder.SAMPLE_ROW``), in order of time. ground: floor and sensors of the run.
+        rows: the new samples (``motion_tables.SAMPLE_ROW``), in order of time. ground: floor and sensors of the run.
         buffer: changed; it must have room for all ``rows``, which is not checked. filled: number of samples in the
             buffer so far. seed, run: address of the sensors' noise.
         tick_ms: control period.
@@ -166,7 +166,7 @@ class ClosedLoop:
             self.localisation.begin(run)
 
     def add_moves(self, rows: NDArray[np.void]) -> None:
-        """Append moves (``motion.moves.MOVE_ROW``), which are copied.
+        """Append moves (``motion.motion_tables.MOVE_ROW``), which are copied.
 
         A move that is still under way may be added, and is added again when it has ended. Of two rows of
         one move, the one that was added last counts.
@@ -177,7 +177,7 @@ class ClosedLoop:
             self.localisation.add_moves(rows)
 
     def add_samples(self, rows: NDArray[np.void]) -> None:
-        """Append new samples (``motion.recorder.SAMPLE_ROW``) with their readings to the buffer."""
+        """Append new samples (``motion.motion_tables.SAMPLE_ROW``) with their readings to the buffer."""
         for ground, part in self.ground.parts(rows["tick"] * self.tick_ms / 1000.0) if rows.size else ():
             before = self.samples
             self.buffer.rows.bounds[1] = record_samples(

@@ -15,7 +15,7 @@ from vibroswarm.core.rng import ALONE, MESSAGE, uniform
 from vibroswarm.inference.replay_arrays import NO_ESTIMATES, Rows, Stops
 from vibroswarm.inference.sender_positions import Tracks, tracks_of
 from vibroswarm.localisation.locate import estimate, estimates_key, is_estimated
-from vibroswarm.motion.source import Motion
+from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.networks import network
 from vibroswarm.scenario.scenario import Scenario
 

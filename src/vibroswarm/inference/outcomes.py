@@ -60,6 +60,18 @@ ROBOTS: Final[dict[str, Any]] = {
 decision or, for a robot that never decided, at its last sample or timer. alpha, beta and messages_received are those
 at the end of the run."""
 
+SPENT: Final = {
+    "driving_share": "drive_s",
+    "turning_share": "turn_s",
+    "avoiding_share": "avoid_s",
+    "sampling_share": "stop_s",
+    "blocked_share": "blocked_s",
+}
+"""Shares of the time up to a robot's last sample, with the column of the table of motion that they sum. The first four
+add up to 1; a robot is blocked if it drives and does not move."""
+SHARES: Final[dict[str, Any]] = dict.fromkeys(SPENT, pl.Float64)
+"""Columns of the table of robots of a result, after ``ROBOTS``; null without samples."""
+
 RUNS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
     "consensus": pl.Enum(list(CONSENSUS)),
@@ -375,6 +387,20 @@ def outcome_tables(
     end_s = ends["end_s"].to_numpy().reshape(-1, robots).max(axis=1)
     fills, truth = fills_and_truth(scenario, floors, finals["run"].to_list()[::robots], end_s)
     return robot_table(finals, truth), run_table(finals, fills, truth, end_s, scenario.run.t_end_s)
+
+
+def with_shares(robots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
+    """Return the table of robots with the columns ``SHARES``.
+
+    Args:
+        samples: the table of motion; a column without values has no share.
+    """
+    spent = {
+        name: pl.col(column).cast(pl.Float64).mean() * pl.len() / pl.col("time_s").max()
+        for name, column in SPENT.items()
+    }
+    shares = samples.group_by("run", "robot").agg(**spent)
+    return robots.join(shares, on=["run", "robot"], how="left", maintain_order="left")
 
 
 def robot_table(finals: pl.DataFrame, truth: Array) -> pl.DataFrame:

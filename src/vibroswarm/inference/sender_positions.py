@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import allocating_kernel, inlined, read_only, zero_rows
 from vibroswarm.errors import InputError
 from vibroswarm.motion.geometry import wrapped_rad
-from vibroswarm.motion.moves import MOVE_ROW
+from vibroswarm.motion.motion_tables import MOVE_ROW
 from vibroswarm.robot.walk import DRIVE, KINDS
 
 
@@ -117,8 +117,8 @@ def tracks_of_rows(rows: NDArray[np.void], robots: int) -> Tracks:
     """Convert the moves of one run so far to tracks.
 
     Args:
-        rows: moves as engines record them (``motion.moves.MOVE_ROW``), for each robot in order of time. robots: number
-            of robots.
+        rows: moves as engines record them (``motion_tables.MOVE_ROW``), for each robot in order of time.
+        robots: number of robots.
     """
     drives = rows["kind"] == DRIVE  # a robot that turns is taken to stay where it is
     # Tables hold wrapped headings, so these are wrapped too: positions are then exactly those computed from a table.
@@ -135,7 +135,7 @@ def tracks_of_rows(rows: NDArray[np.void], robots: int) -> Tracks:
 
 
 def move_rows(moves: pl.DataFrame | None, tick_ms: int) -> NDArray[np.void]:
-    """Convert a table of moves to rows (``motion.moves.MOVE_ROW``).
+    """Convert a table of moves to rows (``motion.motion_tables.MOVE_ROW``).
 
     Fields that neither tracks nor localisation read are 0.
 

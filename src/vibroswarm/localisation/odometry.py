@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import allocating_kernel
 from vibroswarm.core.rng import ALONE, FIRST, ODOMETRY, OF_BIAS, OF_RAY, OF_REZERO, OF_SCALE, normal
-from vibroswarm.motion.source import MOVES
+from vibroswarm.motion.motion_tables import MOVES
 from vibroswarm.robot.walk import DRIVE, KINDS, STOP
 from vibroswarm.scenario.scenario import Scenario
 

@@ -12,8 +12,7 @@ from vibroswarm.core.jit import read_only, zero_rows
 from vibroswarm.localisation.locate import empty_memory, locate_robots, program_of, ray_forward_m
 from vibroswarm.localisation.odometry import gyro_errors, gyro_readings, measured_rays, merged_moves
 from vibroswarm.motion.geometry import wrapped_rad
-from vibroswarm.motion.moves import MOVE_ROW
-from vibroswarm.motion.recorder import joined
+from vibroswarm.motion.motion_tables import MOVE_ROW, joined
 from vibroswarm.scenario.scenario import Scenario
 
 

@@ -46,7 +46,7 @@ ROBOT = np.dtype(
     + [("drawn", np.float64, (2, AT_ONCE))]
     + [(name, np.int64) for name in ("mode", "resume", "sampled", "driven_ms", "timer_ms", "stopped_ms")]
     + [(name, np.int64) for name in ("legs", "avoidances", "samples", "blocked")]
-    + [(name, np.int64) for name in ("fails_tick", "silent_tick", "failed")]
+    + [(name, np.int64) for name in ("fails_tick", "silent_tick", "failed", "blocked_ticks")]
     + [
         (name, np.float64)
         for name in ("leg_ms", "error_deg", "integral_deg_s", "next_leg_ms", "sees_from_ms", "ray_forward_m")
@@ -66,6 +66,7 @@ ROBOT = np.dtype(
   time from which it uses its rays.
 * ``fails_tick``, ``silent_tick``: ticks from which it stands for good, and from which it is silent too (NEVER_FAILS:
   never). ``failed``: 1 if it stands for good now.
+* ``blocked_ticks``: of ``drive_ticks``, those in which the move was blocked.
 """
 
 NEVER_FAILS: Final = 2**40
@@ -271,6 +272,17 @@ def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
     return shortest_m if shortest_m <= setup.look_m else math.inf
 
 
+@inlined
+def ray(
+    setup: Setup, k: int, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float
+) -> tuple[float, float, float, float]:
+    """Return start and direction in the arena (x, y, x, y) of ray ``k``; arguments as of ``rays_to_walls``."""
+    from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
+    from_y = y_m + forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
+    dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
+    return from_x, from_y, dx, ahead_y * setup.ray_cos[k] + ahead_x * setup.ray_sin[k]
+
+
 @inner
 def rays_to_walls(
     setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float
@@ -282,11 +294,7 @@ def rays_to_walls(
     """
     shortest_m = math.inf
     for k in range(setup.ray_side_m.size):
-        # Start and direction of ray k in the arena.
-        from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
-        from_y = y_m + forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
-        dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
-        dy = ahead_y * setup.ray_cos[k] + ahead_x * setup.ray_sin[k]
+        from_x, from_y, dx, dy = ray(setup, k, forward_m, x_m, y_m, ahead_x, ahead_y)
         shortest_m = min(shortest_m, wall_distance(from_x, from_y, dx, dy, setup.width_m, setup.height_m))
     return shortest_m
 
@@ -302,11 +310,7 @@ def rays_to_disc(
     """
     shortest_m = math.inf
     for k in range(setup.ray_side_m.size):
-        # Start and direction of ray k in the arena.
-        from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
-        from_y = y_m + forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
-        dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
-        dy = ahead_y * setup.ray_cos[k] + ahead_x * setup.ray_sin[k]
+        from_x, from_y, dx, dy = ray(setup, k, forward_m, x_m, y_m, ahead_x, ahead_y)
         shortest_m = min(
             shortest_m, disc_distance(from_x, from_y, dx, dy, disc_x_m, disc_y_m, setup.disc_radius_m)
         )
@@ -417,7 +421,7 @@ def contact(swarm: Swarm, setup: Setup) -> None:
 
     A move that would end in an overlap is blocked: the position stays, while heading and clocks go on. Afterwards
     ``from_x_m``, ``from_y_m`` and ``from_heading_rad`` hold each robot's pose before the move, from which rows of
-    segments and moves start.
+    moves start.
     """
     for i in range(swarm.size):
         swarm[i].blocked = 0
@@ -465,6 +469,7 @@ def account(swarm: Swarm) -> None:
         row = swarm[i]
         if row.mode == DRIVE:
             row.drive_ticks += 1
+            row.blocked_ticks += row.blocked
         elif row.mode == TURN:
             row.turn_ticks += 1
         elif row.mode == AVOID:
@@ -477,4 +482,4 @@ def account(swarm: Swarm) -> None:
 def clear_account(swarm: Swarm, i: int) -> None:
     """Set robot ``i``'s times in each mode to 0, as they are counted since its latest sample."""
     row = swarm[i]
-    row.drive_ticks = row.turn_ticks = row.avoid_ticks = row.stop_ticks = 0
+    row.drive_ticks = row.turn_ticks = row.avoid_ticks = row.stop_ticks = row.blocked_ticks = 0

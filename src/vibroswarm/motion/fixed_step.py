@@ -6,16 +6,13 @@ Times are integer ticks. All robots stand at tick 0 and walk from tick 1.
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import kernel
 from vibroswarm.motion.control_step import Swarm, account, contact, control, move, refresh, sense
-from vibroswarm.motion.kernel_run import KernelRun, batch_of
-from vibroswarm.motion.moves import note_moves
-from vibroswarm.motion.recorder import Record, room, write_sample, write_segments
+from vibroswarm.motion.kernel_run import KernelRun
+from vibroswarm.motion.recorder import Record, note_moves, room, write_sample
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.motion.source import Source, register
 
@@ -40,10 +37,7 @@ def step(
     sampling = control(swarm, setup, seed, run, tick)
     move(swarm, setup)
     contact(swarm, setup)
-    # True: the robots have moved already, so rows start from the poses before the move.
-    if record.segments.size > 0:
-        write_segments(record, swarm, run, tick, True)
-    if record.moves.size > 0:
+    if record.moves.size > 0:  # True: the robots have moved already, so moves start from the poses before
         note_moves(record.moves, record.under_way, record.filled, swarm, setup, run, tick, True)
     # Before ``account``: the control period that begins with a sample counts towards the next sample.
     if sampling > 0:
@@ -94,11 +88,6 @@ class FixedStepRun(KernelRun):
         return steps(self.swarm, self.setup, self.speeds, self.record, self.seed, self.run, self.tick, until)
 
 
-FIXED_STEP = Source(
-    "fixed-step",
-    FixedStepRun,
-    partial(batch_of, FixedStepRun),
-    "every control period, one after the other",
-    is_ours=True,
+FIXED_STEP = register(
+    Source("fixed-step", FixedStepRun, "every control period, one after the other", is_ours=True)
 )
-register(FIXED_STEP)

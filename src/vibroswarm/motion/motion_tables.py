@@ -1,27 +1,27 @@
-"""Tables of motion, and checks of the tables that motion sources of users return.
+"""Tables of motion: their columns, the rows that sources give, and how rows become tables.
 
-The tables and their columns are described in ``source``. Our own engines are checked by tests; a source that a user
-wrote is wrapped (``checked``, ``checked_batch``), so that errors in its tables are reported when they occur.
+Rows hold times in ticks (control periods); tables hold them in s. What tables mean is described in ``source``.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from vibroswarm.core.numbers import stated
-from vibroswarm.core.tables import Schema, check_table
-from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import CodeError, InputError
-from vibroswarm.scenario.fault_fields import MOTION_FAULTS
-from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.core.jit import kernel
+from vibroswarm.core.tables import Schema
+from vibroswarm.robot.walk import AVOID, KINDS, TURN
 
+Rows = NDArray[np.void]
+"""Rows with the fields of one of the types below."""
+
+KIND: Final = pl.Enum(["drive", "turn", "avoid", "stop"])
+"""What a robot does."""
 MOTION: Final[dict[str, Any]] = {
     "run": pl.UInt32,
     "robot": pl.UInt16,
@@ -35,9 +35,10 @@ MOTION: Final[dict[str, Any]] = {
     "turn_s": pl.Float32,
     "avoid_s": pl.Float32,
     "stop_s": pl.Float32,
+    "blocked_s": pl.Float32,
 }
-"""Columns of the table ``samples`` and their types (see ``source``)."""
-SEGMENTS: Final[dict[str, Any]] = {
+"""Columns of the table ``samples`` and their types."""
+MOVES: Final[dict[str, Any]] = {
     "run": pl.UInt32,
     "robot": pl.UInt16,
     "start_s": pl.Float64,
@@ -46,11 +47,21 @@ SEGMENTS: Final[dict[str, Any]] = {
     "heading_rad": pl.Float64,
     "speed_m_s": pl.Float64,
     "turn_rate_rad_s": pl.Float64,
-    "kind": pl.Enum(["drive", "turn", "avoid", "stop"]),
+    "kind": KIND,
+    "turned_rad": pl.Float64,
+    "ray_m": pl.Float64,
 }
-"""Columns of the table ``segments`` and their types (see ``source``)."""
-MOVES: Final[dict[str, Any]] = {**SEGMENTS, "turned_rad": pl.Float64, "ray_m": pl.Float64}
-"""Columns of the table ``moves`` and their types (see ``source``)."""
+"""Columns of the table ``moves`` and their types."""
+POSES: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "robot": pl.UInt16,
+    "time_s": pl.Float64,
+    "x_m": pl.Float32,
+    "y_m": pl.Float32,
+    "heading_rad": pl.Float32,
+    "kind": KIND,
+}
+"""Columns of the table ``poses`` and their types (see ``pose``); the largest table, hence 32 bits."""
 ENDS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
     "robot": pl.UInt16,
@@ -60,300 +71,172 @@ ENDS: Final[dict[str, Any]] = {
     "heading_rad": pl.Float64,
     "stop_start_s": pl.Float64,
 }
-"""Columns of the table ``ends`` and their types (see ``source``)."""
+"""Columns of the table ``ends`` and their types."""
 FAILURES: Final[dict[str, Any]] = {"run": pl.UInt32, "time_s": pl.Float64, "reason": pl.String}
 """Runs that failed: since when their robots stand, and why."""
 SCHEMAS: Final = {
     "samples": Schema(MOTION),
     "ends": Schema(ENDS, frozenset({"stop_start_s"})),  # a robot that does not stand has none
-    "segments": Schema(SEGMENTS),
     "moves": Schema(MOVES, frozenset({"ray_m"})),
     "failures": Schema(FAILURES),
 }
 """The tables of a ``Motion``, in its order."""
-NEEDED: Final = ("samples", "ends")
-"""Those that every motion has."""
+
+SAMPLE_ROW = np.dtype(
+    [("run", np.uint32), ("robot", np.uint16), ("sample", np.uint32)]
+    + [("stop_tick", np.int64), ("tick", np.int64)]
+    + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad")]
+    + [(name, np.int64) for name in ("drive", "turn", "avoid", "stop", "blocked")]
+)  # fmt: skip
+"""A sample at ``tick``, the end of the stop that began at ``stop_tick``; ``drive`` to ``stop`` are ticks in each mode
+since the robot's previous sample, and ``blocked`` those of ``drive`` in which it was blocked."""
+MOVE_ROW = np.dtype(
+    [(name, np.int64) for name in ("tick", "until")]
+    + [("run", np.uint32), ("robot", np.int32), ("kind", np.int32)]
+    + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s")]
+    + [(name, np.float64) for name in ("turned_rad", "ray_m")]
+)
+"""A move from ``tick`` to ``until`` (-1 while it is under way). The heading is not wrapped. For a turning robot,
+``speed_m_s`` holds the radius of the circle on which its centre moves, m, until the row becomes part of a table."""
+END_ROW = np.dtype(
+    [("run", np.uint32), ("robot", np.uint16), ("tick", np.int64), ("stop_tick", np.int64)]
+    + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad")]
+)  # fmt: skip
+"""A robot's pose at ``tick``, and the tick from which it stands and hears nothing (-1: it moves or hears)."""
+
+
+class Failure(NamedTuple):
+    """Why a run failed, and when."""
+
+    run: int
+    """The run's number."""
+    time_s: float
+    """Time from which the robots stand."""
+    reason: str
+    """Why the run failed, in words."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """The tables of one or more runs, or of a piece of a run; see ``source``."""
+    """The tables of one or more runs; see ``source``."""
 
     samples: pl.DataFrame
     """One row per sample (columns ``MOTION``)."""
     ends: pl.DataFrame
-    """Each robot's pose at the end of its run, or of what is known of the run (columns ``ENDS``)."""
-    segments: pl.DataFrame | None = None
-    """Exact arcs (columns ``SEGMENTS``); None if they were not requested."""
+    """Each robot's pose at the end of its run (columns ``ENDS``)."""
     moves: pl.DataFrame | None = None
     """One row per drive, turn, avoidance or stop (columns ``MOVES``); None if they were not requested."""
     failures: pl.DataFrame | None = None
     """``FAILURES``; None if no run failed."""
 
 
-def join(pieces: Sequence[Motion]) -> Motion:
-    """Join pieces of motion: at least one, given in the order of runs, and of time within a run.
-
-    Samples and segments are in one piece each: a segment is only in the piece in which it begins. Ends and moves under
-    way are in every piece, so several pieces may contain the end of the same robot in the same run, or the same move.
-    Of these the row of the last piece is taken, as it is the latest. A failed run is reported once, by the row of the
-    first piece that contains it.
-    """
-    ends = pl.concat([piece.ends for piece in pieces])
-    ends = ends.group_by("run", "robot", maintain_order=True).last()
-    segments = [piece.segments for piece in pieces if piece.segments is not None]
-    failures = [piece.failures for piece in pieces if piece.failures is not None]
-    return Motion(
-        samples=pl.concat([piece.samples for piece in pieces]),
-        ends=ends.select(list(ENDS)),  # columns in the order of ENDS, whichever order group_by gives
-        segments=pl.concat(segments) if segments else None,
-        moves=_join_moves([piece.moves for piece in pieces if piece.moves is not None]),
-        failures=(pl.concat(failures).unique("run", keep="first", maintain_order=True) if failures else None),
-    )
+Take = Callable[[Rows], None]
+"""A function that receives new rows. They are overwritten later, so it must copy what it wants to keep."""
 
 
-def _join_moves(pieces: Sequence[pl.DataFrame]) -> pl.DataFrame | None:
-    """Join tables of moves, sorted by run, start and robot; return None if there is no table.
+class Sink(NamedTuple):
+    """What takes the rows of a run that is simulated."""
 
-    A move that was under way at the end of a piece is also in the next piece, with the same start and a later end. The
-    later row is taken.
-    """
-    if len(pieces) < 2:
-        return pieces[0] if pieces else None
-    latest = pl.concat(pieces).unique(["run", "robot", "start_s"], keep="last")
-    return latest.sort("run", "start_s", "robot")
+    samples: Take
+    """Called with samples, ``SAMPLE_ROW``, in order of time and robot."""
+    moves: Take = lambda rows: None
+    """Called with moves that have ended, ``MOVE_ROW``, in order of start and robot."""
 
 
-def part_of(motion: Motion, run: int) -> Motion:
-    """Return the rows of one run, of each table that there is."""
-    tables = {name: getattr(motion, name) for name in SCHEMAS}
-    of_run = pl.col("run") == run
-    own: dict[str, Any] = {
-        name: table if table is None else table.filter(of_run) for name, table in tables.items()
-    }
-    return Motion(**own)
+class Collected:
+    """The rows of runs, one run after the other, until they become tables."""
 
-
-def checked(
-    init: Callable[..., Any],
-    scenario: Scenario,
-    seed: int,
-    run: int,
-    segments: bool = False,
-    moves: bool = False,
-) -> CheckedState:
-    """Create a run at time 0 by a user's ``init`` (see ``source.Init``); return a state that checks its tables.
-
-    Raises:
-        CodeError: ``init`` raised an error.
-        InputError: the scenario has robots that stop for good, which only our engines simulate.
-    """
-    _refuse_faults(scenario)
-    # ``init`` is given twice: as the source whose file is reported, and as the function that is called.
-    state = _called(init, init, scenario, seed, run, segments=segments, moves=moves)
-    return CheckedState(state, init, scenario, run)
-
-
-def checked_batch(
-    batch: Callable[..., Any],
-    scenario: Scenario,
-    seed: int,
-    runs: Sequence[int],
-    segments: bool = False,
-    moves: bool = False,
-) -> Motion:
-    """Simulate whole runs by a user's ``batch`` (see ``source.Batch``), and check the tables of each run.
-
-    Rows of runs that are not in ``runs`` are not checked against the scenario.
-
-    Raises:
-        CodeError: ``batch`` raised an error, or its result is not a valid ``Motion``.
-        InputError: the scenario has robots that stop for good, which only our engines simulate.
-    """
-    _refuse_faults(scenario)
-    # ``batch`` is given twice: as the source whose file is reported, and as the function that is called.
-    motion: Motion = _called(batch, batch, scenario, seed, runs, segments=segments, moves=moves)
-    _refuse(batch, wrong_tables(motion))
-    end_s = scenario.ticks * scenario.tick_s
-    for run in runs:
-        _refuse(batch, _wrong_rows(part_of(motion, run), scenario, run, before_s=0.0, after_s=end_s))
-    return motion
-
-
-def _refuse(source: Callable[..., Any], problems: Iterator[str]) -> None:
-    """Report the first problem of what a user's ``init`` or ``batch`` returned, if there is one.
-
-    Raises:
-        CodeError: there is one.
-    """
-    for problem in problems:
-        raise CodeError(f"{_file_of(source)}: {problem}")
-
-
-def _refuse_faults(scenario: Scenario) -> None:
-    """Refuse a scenario in which robots stop for good (``MOTION_FAULTS``).
-
-    Raises:
-        InputError: there are such robots.
-    """
-    for kind in MOTION_FAULTS:
-        if getattr(scenario.faults, kind):
-            raise InputError(
-                "this source of motion does not simulate robots that stop for good; 'event' and 'fixed-step' do",
-                field=f"faults.{kind}",
-            )
-
-
-class CheckedState:
-    """A ``MotionState`` that wraps the state of a user's source, and checks what it returns.
-
-    Raises (in ``time_s``, ``advance`` and ``copy``):
-        CodeError: the wrapped state raised an error, or its result is not a valid ``Motion``; the message names table
-            and column.
-    """
-
-    def __init__(self, state: Any, init: Callable[..., Any], scenario: Scenario, run: int) -> None:
-        self.state, self.init, self.scenario, self.run = state, init, scenario, run
-        self.numbers: dict[int, int] = {}  # number of each robot's last sample
-
-    @property
-    def time_s(self) -> float:
-        """Time up to which motion has been simulated, s."""
-        return float(_called(self.init, lambda: float(self.state.time_s)))
-
-    def advance(self, until_s: float) -> Motion:
-        """Advance the wrapped state (``MotionState.advance``), and check the piece of motion that it returns."""
-        before_s = self.time_s
-        piece: Motion = _called(self.init, self.state.advance, until_s)
-        _refuse(self.init, wrong_tables(piece))
-        after_s = self.time_s
-        _refuse(self.init, _wrong_time(self.scenario, until_s, after_s))
-        wrong = _wrong_rows(piece, self.scenario, self.run, before_s, after_s, self.numbers)
-        _refuse(self.init, wrong)
-        self.numbers |= dict(piece.samples.group_by("robot").agg(pl.col("sample").max()).iter_rows())
-        return piece
-
-    def copy(self) -> CheckedState:
-        """See ``MotionState.copy``."""
-        copy = CheckedState(_called(self.init, self.state.copy), self.init, self.scenario, self.run)
-        copy.numbers = dict(self.numbers)
-        return copy
-
-
-def _called(init: Callable[..., Any], function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
-    """Call a user's function and return its result; report its errors with file and line.
-
-    Args:
-        init: ``init`` or ``batch`` of the user's source; its file is the one whose lines are reported.
-        function, arguments, named: what to call.
-    Raises:
-        CodeError: the function raised an error; the last line of the user's file that was being run is named.
-        InputError, RunError: those that the function raised, unchanged.
-    """
-    with errors_in(f"{_file_of(init)}:init"):
-        return function(*arguments, **named)
-
-
-def _file_of(init: Callable[..., Any]) -> str:
-    """Return the name of the file that defines a function or a class; "a source of motion" if it is unknown."""
-    code = getattr(init, "__code__", None) or getattr(getattr(init, "__init__", None), "__code__", None)
-    return str(getattr(code, "co_filename", "a source of motion"))
-
-
-def _wrong_time(scenario: Scenario, until_s: float, after_s: float) -> Iterator[str]:
-    """Yield what is wrong with the time of a state after ``advance(until_s)``.
-
-    It must have reached ``until_s``, or the end of the run if that comes first. A quarter of a tick is allowed for
-    rounding.
-    """
-    if not math.isfinite(after_s) or after_s < min(until_s, scenario.run.t_end_s) - scenario.tick_s / 4:
-        yield f"after advance({stated(until_s)}) its time_s is {stated(after_s)}"
-
-
-def wrong_tables(motion: Any) -> Iterator[str]:
-    """Yield errors in the tables of motion, each by itself: in its columns, or a value that is missing or impossible.
-
-    Only a motion without such errors can be checked further.
-    """
-    if not isinstance(motion, Motion):
-        yield f"gives {type(motion).__name__}, not Motion"
-        return
-    for name, schema in SCHEMAS.items():
-        frame = getattr(motion, name)
-        if frame is None and name not in NEEDED:
-            continue
-        if not isinstance(frame, pl.DataFrame):
-            yield f"the table {name} is {type(frame).__name__}, not a polars DataFrame"
-            return
-        try:
-            check_table(frame, schema, name, name)
-        except InputError as error:
-            yield f"the table {name}: {error.reason}"
-        if list(frame.schema.items()) != list(
-            schema.columns.items()
-        ):  # in this order, an Enum with all its words
-            yield f"the table {name} has the columns {_stated(frame.schema)}; expected: {_stated(schema.columns)}"
-
-
-def _stated(columns: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} ({kind})" for name, kind in columns.items())
-
-
-def _wrong_rows(
-    piece: Motion,
-    scenario: Scenario,
-    run: int,
-    before_s: float,
-    after_s: float,
-    numbers: Mapping[int, int] = MappingProxyType({}),
-) -> Iterator[str]:
-    """Yield errors in the rows of a piece of motion that passed ``wrong_tables``; segments are not checked.
-
-    Args:
-        piece: what ``advance`` returned, or the part of a batch that belongs to ``run``.
-        before_s, after_s: ``time_s`` of the state before and after; for a batch, start and end of the run.
-        numbers: of the last sample in earlier pieces, by robot.
-    """
-    robots, quarter_s = scenario.swarm.robots, scenario.tick_s / 4  # times may be rounded by a quarter tick
-    if piece.ends["robot"].to_list() != list(range(robots)) or (piece.ends["run"] != run).any():
-        yield f"the table ends must have exactly one row for each of the {robots} robots of run {run}, in their order"
-    if piece.failures is not None and (piece.failures["run"] != run).any():
-        yield f"the table failures has rows of other runs than {run}"
-    samples = piece.samples
-    for name, table, time in (("samples", samples, "time_s"), ("moves", piece.moves, "start_s")):
-        if table is None:
-            continue
-        if (table["run"] != run).any() or (table["robot"] >= robots).any():
-            yield f"the table {name} has rows of other runs than {run}, or of robots beyond {robots - 1}"
-        order = np.lexsort((table["robot"].to_numpy(), table[time].to_numpy()))
-        if (np.diff(order) != 1).any():
-            yield f"the table {name} is not sorted by time and robot"
-    if piece.moves is not None and after_s > before_s + quarter_s:
-        first_s = dict(piece.moves.group_by("robot").agg(pl.col("start_s").min()).iter_rows())
-        late = [i for i in range(robots) if first_s.get(i, math.inf) > before_s + quarter_s]
-        if late:
-            yield (
-                f"the table moves has no move of robot {late[0]} that begins at {stated(before_s)} s or is under way "
-                f"then"
-            )
-    if samples.is_empty():
-        return
-    # Numbers are addresses of chance: a repeated one repeats a reading.
-    earlier = pl.col("robot").replace_strict(numbers, default=-1, return_dtype=pl.Int64)
-    before = pl.col("sample").cast(pl.Int64).shift().over("robot").fill_null(earlier)
-    wrong = samples.filter(pl.col("sample") <= before)
-    if wrong.height:
-        yield f"the table samples: those of robot {wrong['robot'][0]} are not numbered in the order of time, from 0"
-    if (samples["stop_start_s"] > samples["time_s"]).any():
-        yield "the table samples: a stop_start_s is after its time_s"
-    time_s = samples["time_s"].to_numpy()
-    # Samples at ``after_s`` itself belong to the next piece.
-    if time_s.min() < before_s - quarter_s or time_s.max() > after_s - quarter_s:
-        yield (
-            f"the table samples has times of {stated(time_s.min())} to {stated(time_s.max())} s; expected: from "
-            f"{stated(before_s)} s to before {stated(after_s)} s"
+    def __init__(self) -> None:
+        self.samples, self.moves, self.ends = list[Rows](), list[Rows](), list[Rows]()
+        self.failures: list[Failure] = []
+        self.sink = Sink(
+            lambda rows: self.samples.append(joined([rows])), lambda rows: self.moves.append(joined([rows]))
         )
-    for column, size_m in (("x_m", scenario.arena.width_m), ("y_m", scenario.arena.height_m)):
-        positions = samples[column].to_numpy()
-        if positions.min() < 0.0 or positions.max() > size_m:
-            yield f"the table samples: column '{column}' leaves the arena, 0 to {stated(size_m)} m"
+
+    def end(self, state: Any) -> None:
+        """Take what is left of the present run of a ``source.MotionState``."""
+        self.ends.append(state.finish(self.sink))
+        if state.failure is not None:
+            self.failures.append(state.failure)
+
+    def samples_frame(self, tick_ms: int) -> pl.DataFrame:
+        """Return the table of samples."""
+        return sample_frame(joined([np.empty(0, dtype=SAMPLE_ROW), *self.samples]), tick_ms)
+
+    def motion(self, tick_ms: int) -> Motion:
+        """Return all rows as tables; there are moves if any were given."""
+        return Motion(
+            samples=self.samples_frame(tick_ms),
+            ends=end_frame(joined(self.ends), tick_ms),
+            moves=move_frame(joined(self.moves), tick_ms) if self.moves else None,
+            failures=pl.DataFrame(self.failures, schema=FAILURES, orient="row") if self.failures else None,
+        )
+
+
+def joined(pieces: Sequence[Rows]) -> Rows:
+    """Return the rows of one or more pieces, which have the same type, as one new array.
+
+    The rows are copied as bytes: NumPy copies structured rows field by field, which is many times slower.
+    """
+    return np.concatenate([piece.view(np.uint8) for piece in pieces]).view(pieces[0].dtype)
+
+
+def seconds(ticks: NDArray[np.int64], tick_ms: int) -> NDArray[np.float64]:
+    """Return the times of ticks, s: the float nearest to the exact decimal."""
+    return ticks * tick_ms / 1000.0
+
+
+def wrapped(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the same angles in [-pi, pi), to the last bit as ``geometry.wrapped_rad``."""
+    return angles_rad - 2.0 * np.pi * np.floor((angles_rad + np.pi) / (2.0 * np.pi))
+
+
+@kernel
+def fill_samples(rows: Rows, wide: NDArray[np.float64], narrow: NDArray[np.float32], tick_ms: int) -> None:
+    """Write the columns of samples: start of the stop, time and pose; and the times in each mode, and blocked."""
+    for k in range(rows.size):
+        row = rows[k]
+        wide[0, k], wide[1, k] = row.stop_tick * tick_ms / 1000.0, row.tick * tick_ms / 1000.0
+        wide[2, k], wide[3, k], wide[4, k] = row.x_m, row.y_m, row.heading_rad
+        narrow[0, k], narrow[1, k] = row.drive * tick_ms / 1000.0, row.turn * tick_ms / 1000.0
+        narrow[2, k], narrow[3, k] = row.avoid * tick_ms / 1000.0, row.stop * tick_ms / 1000.0
+        narrow[4, k] = row.blocked * tick_ms / 1000.0
+
+
+def sample_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
+    """Return samples as a table; they must be in the order of run, time, robot."""
+    wide, narrow = np.empty((5, rows.size)), np.empty((5, rows.size), dtype=np.float32)
+    fill_samples(rows, wide, narrow, tick_ms)
+    return _frame(dict(zip(list(MOTION)[3:], (*wide, *narrow), strict=True)), rows, MOTION)
+
+
+def end_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
+    """Return the table ``ends``; robots that hear messages (``stop_tick`` -1) have no ``stop_start_s``."""
+    stop_s = np.where(rows["stop_tick"] >= 0, seconds(rows["stop_tick"], tick_ms), np.nan)
+    columns = {"end_s": seconds(rows["tick"], tick_ms), "stop_start_s": pl.Series(stop_s, nan_to_null=True)}
+    return _frame(columns, rows, ENDS)
+
+
+def move_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
+    """Return moves that have ended as a table; they must be in the order of run, start, robot."""
+    turns = (rows["kind"] == TURN) | (rows["kind"] == AVOID)
+    mean_rad_s = rows["turned_rad"] / seconds(rows["until"] - rows["tick"], tick_ms)
+    columns = {
+        "start_s": seconds(rows["tick"], tick_ms),
+        "heading_rad": wrapped(rows["heading_rad"]),
+        # The row of a turn holds the circle's radius instead of the speed, and 0 if the turn is blocked.
+        "speed_m_s": np.where(turns, rows["speed_m_s"] * mean_rad_s, rows["speed_m_s"]),
+        "turn_rate_rad_s": np.where(turns, mean_rad_s, rows["rate_rad_s"]),
+        "kind": pl.Series(KINDS, dtype=KIND).gather(pl.Series(rows["kind"].copy())),
+        "ray_m": pl.Series(rows["ray_m"].copy(), nan_to_null=True),
+    }
+    return _frame(columns, rows, MOVES)
+
+
+def _frame(columns: Mapping[str, Any], rows: Rows, schema: Mapping[str, Any]) -> pl.DataFrame:
+    """Return a table of these columns, and of the fields of rows for those that are not given."""
+    # ``copy`` makes a field of the rows a contiguous column.
+    return pl.DataFrame(
+        {name: columns[name] if name in columns else rows[name].copy() for name in schema},
+        schema=dict(schema),
+    )

@@ -1,8 +1,7 @@
-"""Position of a robot at any time, from a table of segments or of moves."""
+"""Poses of robots at each control tick, from their moves, and at any time, from their poses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -10,89 +9,65 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.core.angles import wrapped
-from vibroswarm.errors import InputError, check_kind, shown, whole_number_of
-
-
-def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
-    """Return the position and heading of one robot of one run at given times.
-
-    Args:
-        segments: a segment table (see ``source``): exact arcs, each from its ``start_s`` to the next, in order of time.
-        time_s: times from 0 on, s, any shape. The last arc is continued for ever, so results at times beyond the end
-            of the run are not meaningful.
-    Returns: float64 of shape (\\*time_s.shape, 3): x (m), y (m), heading (rad, in [-pi, pi)).
-    Raises:
-        InputError: the table lacks a column, run or robot, or a time is nan, no number, or before the robot's first
-            segment.
-    """
-    return _along_arcs(segments, run, robot, time_s, "segment")
-
-
-def place_from_moves(moves: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
-    """Return the position of one robot of one run at given times, from its moves.
-
-    The position is exact while the robot drives or stands, and where a turn begins and ends. Within a turn, the robot's
-    centre moves on a circle of radius m_d turn_track / 2 (m_d: its misalignment). The position is calculated as if the
-    turn rate were constant, so its error is at most the diameter of that circle. All this does not hold for robots that
-    MuJoCo moves: each of their moves is an arc fitted to the robot's poses (``physics.arcs``).
-
-    Args:
-        moves: a table of moves (see ``source``).
-        time_s: times, s, as for ``pose``.
-    Returns: float64 of shape (\\*time_s.shape, 2): x, y (m).
-    Raises:
-        InputError: the table lacks a column, run or robot, or a time is nan, no number, or before the robot's first
-            move.
-    """
-    return _along_arcs(moves, run, robot, time_s, "move")[..., :2]
-
-
-def _along_arcs(
-    arcs: pl.DataFrame, run: int, robot: int, time_s: ArrayLike, what: str
-) -> NDArray[np.float64]:
-    """Return the poses of one robot at given times, on the arcs in a table of segments or of moves; see ``pose``.
-
-    Args:
-        arcs: the table. what: what one of its rows is, for errors: "segment" or "move".
-    """
-    check_kind(arcs, pl.DataFrame, f"{what}s", "a table; simulate with segments=True or moves=True")
-    if missing := [name for name in ("run", "robot", *ARC) if name not in arcs.columns]:
-        raise InputError(
-            f"has no column '{missing[0]}'; give the table of {what}s of a result", field=f"{what}s"
-        )
-    run, robot = whole_number_of(run, "run", 0, 2**32 - 1), whole_number_of(robot, "robot", 0, 2**16 - 1)
-    own = arcs.filter((pl.col("run") == run) & (pl.col("robot") == robot))
-    if own.height == 0:
-        raise InputError(f"the table has no {what} of robot {robot} in run {run}", field="robot")
-    try:
-        times = np.asarray(time_s, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{shown(time_s)} is not a time; give numbers in s", field="time_s") from None
-    start = own["start_s"].to_numpy()
-    if times.size and not float(times.min()) >= start[0]:  # ``not ... >=`` is true for NaN too
-        raise InputError(f"{times.min():g} s is before the first {what}, at {start[0]:g} s", field="time_s")
-    return on_arcs({name: own[name].to_numpy() for name in ARC}, times)
-
+from vibroswarm.core.ticks import tick_at
+from vibroswarm.errors import InputError
+from vibroswarm.motion.motion_tables import POSES
 
 ARC: Final = ("start_s", "x_m", "y_m", "heading_rad", "speed_m_s", "turn_rate_rad_s")
-"""Columns of an arc."""
+"""Columns of an arc, which a move is."""
 
 
-def on_arcs(arcs: Mapping[str, NDArray[np.float64]], times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the poses of a robot, (..., 3), at times, s, none of which is before its first arc.
+def poses_of(moves: pl.DataFrame, ends: pl.DataFrame, tick_ms: int) -> pl.DataFrame:
+    """Return the table ``poses``: for each robot a row at each control tick up to its end, sorted by run, robot, time.
+
+    Poses are exact while a robot drives or stands, and where a turn begins and ends. Within a turn the turn rate is
+    taken as constant; the robot's centre moves on a circle of radius m_d turn_track / 2 (m_d: its misalignment).
+    For robots that MuJoCo moves, each move is an arc fitted to the robot's path (``physics.arcs``).
 
     Args:
-        arcs: the columns ``ARC`` of its arcs, (arcs,) each.
+        moves, ends: see ``source``.
     """
-    start = arcs["start_s"]
-    row = np.searchsorted(start, times, side="right") - 1  # the latest arc that begins at or before each time
-    x_m, y_m, heading_rad = (arcs[name][row] for name in ("x_m", "y_m", "heading_rad"))
-    elapsed = times - start[row]
-    # An arc's end lies at the distance ``chord`` from its start, in the direction midway between its first and last
-    # heading. NumPy's sinc(x) is sin(pi x) / (pi x), hence the division by pi.
-    half = 0.5 * arcs["turn_rate_rad_s"][row] * elapsed
-    chord = arcs["speed_m_s"][row] * elapsed * np.sinc(half / np.pi)
-    along = heading_rad + half
-    return np.stack(
-        [x_m + chord * np.cos(along), y_m + chord * np.sin(along), wrapped(heading_rad + 2.0 * half)], axis=-1
+    end_s = {(run, robot): end_s for run, robot, end_s in ends.select("run", "robot", "end_s").iter_rows()}
+    parts = []
+    for (run, robot), own in moves.group_by("run", "robot", maintain_order=True):
+        time_s = np.arange(tick_at(end_s[run, robot], tick_ms) + 1) * tick_ms / 1000.0
+        start, x, y, heading, speed, rate = (own[name].to_numpy() for name in ARC)
+        row = np.searchsorted(start, time_s, side="right") - 1  # the latest move that has begun
+        elapsed_s = time_s - start[row]
+        # An arc's end lies at the distance ``chord`` from its start, in the direction midway between its first and last
+        # heading. NumPy's sinc(x) is sin(pi x) / (pi x), hence the division by pi.
+        half = 0.5 * rate[row] * elapsed_s
+        chord, along = speed[row] * elapsed_s * np.sinc(half / np.pi), heading[row] + half
+        columns = {
+            "time_s": time_s,
+            "x_m": x[row] + chord * np.cos(along),
+            "y_m": y[row] + chord * np.sin(along),
+            "heading_rad": wrapped(heading[row] + 2.0 * half),
+            "kind": own["kind"].gather(row),
+        }
+        parts.append(
+            pl.DataFrame(columns).select(
+                pl.lit(run, pl.UInt32).alias("run"), pl.lit(robot, pl.UInt16).alias("robot"), pl.all()
+            )
+        )
+    return pl.concat(parts).cast(pl.Schema(POSES))
+
+
+def pose(poses: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
+    """Return the position and heading of one robot of one run at given times, linear between two rows of a table.
+
+    Args:
+        poses: the table ``poses`` of a result. time_s: times, s, any shape; beyond the table, the robot stands.
+    Returns: float64 of shape (\\*time_s.shape, 3): x (m), y (m), heading (rad, in [-pi, pi)).
+    Raises:
+        InputError: the table has no such robot.
+    """
+    own, times = (
+        poses.filter(pl.col("run") == run, pl.col("robot") == robot),
+        np.asarray(time_s, dtype=np.float64),
     )
+    if own.height == 0:
+        raise InputError(f"the table has no robot {robot} in run {run}", field="robot")
+    x, y, heading = (own[name].to_numpy().astype(np.float64) for name in ("x_m", "y_m", "heading_rad"))
+    at = [np.interp(times, own["time_s"].to_numpy(), values) for values in (x, y, np.unwrap(heading))]
+    return np.stack([at[0], at[1], wrapped(at[2])], axis=-1)

@@ -19,10 +19,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.figures import Swarms
+from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import arrays_fit, estimate_of, posterior_of, strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
-from vibroswarm.inference.motion_feedback import Wanted, motion_until, steered_motion
+from vibroswarm.inference.motion_feedback import steered_motion
 from vibroswarm.inference.outcomes import (
     Array,
     capped_time_s,
@@ -36,7 +37,8 @@ from vibroswarm.inference.outcomes import (
 )
 from vibroswarm.inference.replay import advance, classes_and_values, replayer_of
 from vibroswarm.inference.replayer import Replayer
-from vibroswarm.motion.source import Motion
+from vibroswarm.motion.motion_tables import Motion
+from vibroswarm.motion.source import moved
 from vibroswarm.observation.observe import observe, reads_energies
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, OF_OBSERVATION, floors_of, steers
@@ -226,7 +228,7 @@ def _simulated_together(
     """
     first, t_end_s = scenarios[0], scenarios[0].run.t_end_s
     courses = [_Course(scenario, seed, runs) for scenario in scenarios]
-    wanted, is_steered = Wanted(moves=any(map(needs_moves, scenarios))), steers(first)
+    moves, is_steered = any(map(needs_moves, scenarios)), steers(first)
     before = _needed_s(tuple(getattr(first, section) for section in OF_MOTION))
     until_s = t_end_s if is_steered else _cheapest_s(before, t_end_s)
     left = np.argsort(runs)  # indices of runs, in the order that tables have
@@ -234,11 +236,12 @@ def _simulated_together(
         some = [runs[r] for r in left.tolist()]
         if is_steered:
             (course,) = courses
-            moved = steered_motion(first, seed, some, course.floors, motion, wanted, last_s=course.last_s)
+            shared = steered_motion(first, seed, some, course.floors, motion, moves, last_s=course.last_s)
         else:
-            moved = motion_until(first, seed, some, motion, wanted, np.full(left.size, until_s))
-        timeline, seen = timeline_of(first, moved), dict[Any, pl.DataFrame]()
-        needed_s = np.max([course.take(left, timeline, moved, seen) for course in courses], axis=0)
+            until = [tick_at(until_s, first.run.control_period_ms)] * left.size
+            shared = moved(motion, first, seed, some, moves, until=until)
+        timeline, seen = timeline_of(first, shared), dict[Any, pl.DataFrame]()
+        needed_s = np.max([course.take(left, timeline, shared, seen) for course in courses], axis=0)
         before += needed_s.tolist() if left.size == len(runs) else []
         left = left[needed_s > until_s + 1e-9] if until_s < t_end_s else left[:0]
         until_s = t_end_s

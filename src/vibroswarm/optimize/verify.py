@@ -153,7 +153,7 @@ def _of_result(folder: Path) -> _Part:
                 seed,
                 [run],
                 motion=result.source,
-                segments=result.segments is not None,
+                poses=result.poses is not None,
                 moves=result.moves is not None,
                 energies=energies,
             )

@@ -125,7 +125,7 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     ``style``), so that a page may replace them by dark ones.
 
     Args:
-        result: has the run; the floor of the run must be known. Paths are drawn only if it has segments.
+        result: has the run; the floor of the run must be known. Paths are drawn only if it has poses.
         run: number of the run.
     Raises:
         InputError: the result has no run of that number.
@@ -264,14 +264,14 @@ def _draw_paths(axes: Axes, result: Result, run: int) -> None:
     """Draw the robots' paths from the start of the run.
 
     They have ``POINTS_PER_S`` points per second; what follows the last point before the end of the run is not drawn. If
-    the result has no segments of motion, from which paths are computed, nothing is drawn.
+    the result has no poses, nothing is drawn.
     """
-    if result.segments is None:
+    if result.poses is None:
         return
     ends = result.ends.filter(run=run)
     for robot, end_s in ends.select("robot", "end_s").iter_rows():
         times = np.arange(0.0, end_s, 1.0 / POINTS_PER_S)
-        path = pose(result.segments, run, robot, times)
+        path = pose(result.poses, run, robot, times)
         label = "path" if robot == 0 else None  # one entry in the legend stands for all paths
         axes.plot(path[:, 0], path[:, 1], color=RUN["trail"], lw=0.35, alpha=0.6, label=label)
 
@@ -357,7 +357,7 @@ def draw_run(result: Result, run: int = 0, *, caption: str = "", style: str = "c
     """Draw the floor, the robots' paths and their samples in one run, to scale.
 
     Args:
-        result: has the run; paths are drawn if it has segments. run: number of the run.
+        result: has the run; paths are drawn if it has poses. run: number of the run.
         caption: by default, what is drawn. style: "column", "page" or "slide"; it sets the type, not the size.
 
     Returns:

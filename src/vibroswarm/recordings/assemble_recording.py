@@ -13,10 +13,10 @@ from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError, number_of
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
-from vibroswarm.inference.outcomes import outcome_tables
+from vibroswarm.inference.outcomes import outcome_tables, with_shares
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.localisation.locate import PLACES
-from vibroswarm.motion.source import ENDS, MOTION
+from vibroswarm.motion.motion_tables import ENDS, MOTION, POSES
 from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.recordings.floor_fit import check_floor
 from vibroswarm.recordings.infer_settings import infer_settings
@@ -29,7 +29,7 @@ from vibroswarm.recordings.log import (
     in_order,
     knots_of,
     of_camera,
-    segments_of,
+    poses_of,
 )
 from vibroswarm.recordings.recording import PLACES as TRACKED
 from vibroswarm.recordings.recording import ROWS, Recording
@@ -115,7 +115,7 @@ def recording_of(
         scenario=described,
         seed=None,
         **tables,
-        robots=robot_frame,
+        robots=with_shares(robot_frame, tables["motion"]),
         runs=runs,
         floors=floor_frame(floors),
         changes=change_frame(floors),
@@ -228,7 +228,7 @@ class _Session(NamedTuple):
     """What a log tells about one session."""
 
     tables: dict[str, pl.DataFrame]
-    """motion, ends, segments, observations, inference, rows, tracks and places of a recording."""
+    """motion, ends, poses, observations, inference, rows, tracks and places of a recording."""
     finals: pl.DataFrame
     """Final states of robots, ``inference.agents.FINALS``."""
     about: dict[str, Any]
@@ -252,7 +252,7 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
     for k, name in enumerate(names):
         samples, track, seen = (table.filter(pl.col("robot") == k) for table in (frame, tracks, camera))
         paths.append(_path(run, k, name, samples, track, seen, log))
-    segments = pl.concat([path.segments for path in paths]).sort("start_s", "robot", maintain_order=True)
+    poses = pl.concat([path.poses for path in paths]).select(list(POSES)).cast(pl.Schema(POSES))
     # The latest position of the robot that a camera saw at the time of each sample; null: there is none.
     latest = camera.select("robot", "time_s", tracked_s="time_s").sort("time_s")
     rows = frame.join_asof(latest, on="time_s", by="robot", check_sortedness=False)
@@ -261,7 +261,7 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
     tables = {
         "motion": _in_schema(frame, MOTION),
         "ends": pl.concat([path.end for path in paths]),
-        "segments": segments,
+        "poses": poses,
         "observations": observations,
         "inference": _in_schema(frame, INFERENCE),
         "rows": _in_schema(rows, ROWS),
@@ -316,6 +316,7 @@ def _with_intervals(frame: pl.DataFrame, usual_stop_s: float) -> pl.DataFrame:
         # A ``Log`` has no times of driving and turning.
         drive_s=pl.lit(None, dtype=pl.Float32),
         turn_s=pl.lit(None, dtype=pl.Float32),
+        blocked_s=pl.lit(None, dtype=pl.Float32),
     )
 
 
@@ -333,7 +334,7 @@ def _own_places(frame: pl.DataFrame) -> pl.DataFrame:
 class _RobotPath(NamedTuple):
     """The path of one robot in a session."""
 
-    segments: pl.DataFrame
+    poses: pl.DataFrame
     begins_s: float
     """When the robot was first seen."""
     end: pl.DataFrame
@@ -363,18 +364,18 @@ def _path(
     knots = knots_of(track, seen, samples)
     if knots.is_empty():
         raise InputError(f"robot {name} has no rows", field=log.name)
-    segments = segments_of(run, robot, knots, samples)
+    poses = poses_of(run, robot, knots, samples)
     end = {
         "run": [run],
         "robot": [robot],
         "end_s": [_end_of(log)],
         "x_m": [knots["x_m"][-1]],
         "y_m": [knots["y_m"][-1]],
-        "heading_rad": [segments["heading_rad"][-1]],
+        "heading_rad": [poses["heading_rad"][-1]],
         "stop_start_s": [None],  # whether the robot stands at the end is not known
     }
     return _RobotPath(
-        segments, knots["time_s"][0], pl.DataFrame(end, schema=ENDS), gaps_of(seen["time_s"].to_numpy())
+        poses, knots["time_s"][0], pl.DataFrame(end, schema=ENDS), gaps_of(seen["time_s"].to_numpy())
     )
 
 
@@ -429,24 +430,23 @@ def _problem_counts(
         "positions_old": int((ages_s > USUAL_AGE_S).sum()),
         "position_oldest_s": round(float(ages_s.max() or 0.0), 6),  # type: ignore[arg-type]
         "robots_late": sum(path.begins_s - first_s > GONE_S for path in paths),
-        "robots_gone": sum(path.end["end_s"][0] - path.segments["start_s"][-1] > GONE_S for path in paths),
-        "robots_unmoved": sum(_stood(path.segments) for path in paths),
+        "robots_gone": sum(path.end["end_s"][0] - path.poses["time_s"][-1] > GONE_S for path in paths),
+        "robots_unmoved": sum(_stood(path.poses) for path in paths),
         "posteriors_odd": odd.height,
         "off_the_floor": int((observations["tile"] < 0).sum()),
         "decisions_missing": rows["decision"].null_count() if rows["decision"].count() else 0,
     }
 
 
-def _stood(segments: pl.DataFrame) -> bool:
+def _stood(poses: pl.DataFrame) -> bool:
     """Return whether a robot's path stays within a square of ``STOOD_M``."""
-    return max(float(np.ptp(segments[name].to_numpy())) for name in ("x_m", "y_m")) < STOOD_M
+    return max(float(np.ptp(poses[name].to_numpy())) for name in ("x_m", "y_m")) < STOOD_M
 
 
 def _jumps(path: _RobotPath) -> int:
     """Return the number of steps of a robot's path that are longer than ``JUMP_M`` and too fast (``JUMP``)."""
-    segments = path.segments
-    speed = segments["speed_m_s"].to_numpy()[:-1]  # at its end the robot is taken to stand
-    steps_m = speed * np.diff(segments["start_s"].to_numpy())
+    speed = path.poses["speed_m_s"].to_numpy()[:-1]  # at its end the robot is taken to stand
+    steps_m = speed * np.diff(path.poses["time_s"].to_numpy())
     moving = speed[speed > 0.0]
     usual = float(np.median(moving)) if moving.size else 0.0
     return int(((speed > JUMP * usual) & (steps_m > JUMP_M)).sum())

@@ -21,10 +21,10 @@ A reader is a function that takes a path and returns a ``Log`` (see ``log_reader
 All columns may be null except line, robot, time_s, x_m, y_m and, of a sample, energy. A track (a tracked position) has
 only those five and heading_rad.
 
-Between positions of a camera a robot's path is taken as a straight line; such lines make a table of segments. The
-heading of a segment is the direction of its line, since most logs have no headings; those of tracks are not used. A
+Between positions of a camera a robot's path is taken as a straight line. The heading at a position is the direction of
+the line that begins there, since most logs have no headings; those of tracks are not used. A
 step of less than 2 mm counts as standing. It is not known whether a robot turned or avoided between two positions, so
-every segment is ``drive``, except for stops.
+every kind is ``drive``, except for stops.
 """
 
 from __future__ import annotations
@@ -40,7 +40,6 @@ import polars as pl
 from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError
-from vibroswarm.motion.source import SEGMENTS
 
 SAMPLES: Final[dict[str, Any]] = {
     "line": pl.UInt32,
@@ -380,11 +379,12 @@ def knots_of(track: pl.DataFrame, seen: pl.DataFrame, samples: pl.DataFrame) -> 
     )
 
 
-def segments_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """Return the table of segments of one robot: straight lines between its known positions.
+def poses_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
+    """Return the table of poses of one robot, at its known positions, with the column ``speed_m_s`` of the line to the
+    next one.
 
-    Until the time of its first position the robot stands there. The kind of a segment is "stop" if the middle of its
-    time lies between the start of a stop and the sample at the end of this stop; otherwise it is "drive".
+    Until the time of its first position the robot stands there. The kind is "stop" if the middle of the time to the
+    next position lies between the start of a stop and the sample at the end of this stop; otherwise it is "drive".
 
     Args:
         knots: known positions, from ``knots_of``, at least one. samples: the robot's rows of the motion table, by time.
@@ -395,7 +395,7 @@ def segments_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame
     heading, speed = _courses(time, x, y)
     stop, end = samples["stop_start_s"].to_numpy(), samples["time_s"].to_numpy()
     middle = time + np.append(np.diff(time), 0.0) / 2
-    # k: the first stop that has not ended by the middle of the segment, or the number of stops if all have ended (then
+    # k: the first stop that has not ended by the middle of that time, or the number of stops if all have ended (then
     # the appended inf serves as the start of a stop).
     k = np.searchsorted(end, middle)
     stands = (k < end.size) & (middle > np.append(stop, np.inf)[k])
@@ -403,15 +403,14 @@ def segments_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame
     columns: dict[str, Any] = {
         "run": np.full(time.size, run),
         "robot": np.full(time.size, robot),
-        "start_s": time,
+        "time_s": time,
         "x_m": x,
         "y_m": y,
         "heading_rad": heading,
-        "speed_m_s": speed,
-        "turn_rate_rad_s": np.zeros(time.size),
         "kind": kind.tolist(),
+        "speed_m_s": speed,
     }
-    return pl.DataFrame(columns, schema=SEGMENTS, strict=False)
+    return pl.DataFrame(columns)
 
 
 def _courses(time: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:

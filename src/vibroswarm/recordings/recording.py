@@ -10,7 +10,7 @@ from a simulated result:
 * ``sample`` is the number of messages sent before, so a lost row leaves a gap. ``samples`` of a robot includes samples
   whose rows were lost.
 * If a log has no bits, they are computed from the energies with ``sensor.rms_threshold``.
-* Paths between tracked positions are straight (``log.segments_of``).
+* Paths between tracked positions are straight (``log.poses_of``).
 """
 
 from __future__ import annotations

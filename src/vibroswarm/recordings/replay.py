@@ -33,13 +33,13 @@ from vibroswarm.errors import InputError, check_kind, nearest, whole_number_of
 from vibroswarm.inference.agents import FINALS, final_frame
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.heard import RECORDED, Session, draw_heard
-from vibroswarm.inference.outcomes import ROBOTS, RUNS, outcome_tables
+from vibroswarm.inference.outcomes import ROBOTS, RUNS, outcome_tables, with_shares
 from vibroswarm.inference.replay import infer
 from vibroswarm.inference.replay_arrays import NO_ESTIMATES, Log, Readings, Stops, empty_log
 from vibroswarm.inference.replay_arrays import Rows as SampleRows
 from vibroswarm.inference.replayer import NO_VALUES, Replayer
+from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.pose import pose
-from vibroswarm.motion.source import Motion
 from vibroswarm.observation.energy_model import model_of, readings_of
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.recordings.assemble_recording import inside
@@ -420,8 +420,8 @@ def _restored(
         time_s = before["time_s"] + share * (after["time_s"] - before["time_s"])
         stop_s = after["time_s"] - after["stop_start_s"]
         x, y = after["x_m"], after["y_m"]  # without a path, the place of the next row
-        if recording.segments is not None:
-            x, y, _ = pose(recording.segments, run, after["robot"], time_s)
+        if recording.poses is not None:
+            x, y, _ = pose(recording.poses, run, after["robot"], time_s)
         tile = recording.floor(run).tile_at(
             *inside(np.array([x]), np.array([y]), recording.scenario.arena.size_m)
         )[0]
@@ -457,7 +457,6 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
         motion = Motion(
             samples=recording.motion.filter(of_run),
             ends=recording.ends.filter(of_run),
-            segments=None if recording.segments is None else recording.segments.filter(of_run),
         )
         replayed.append(infer(of_session, seed, motion, recording.observations.filter(of_run)))
     inference, finals = (pl.concat(tables) for tables in zip(*replayed, strict=True))
@@ -465,6 +464,7 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
     finals = finals.with_columns(recording.robots["samples"])
     robots, runs = outcome_tables(recording.scenario, recording.floor_by_run, finals, recording.ends)
     # As in ``_replayed``: people ended the session.
+    robots = with_shares(robots, recording.motion)
     return replace(recording, inference=inference, robots=robots, runs=runs.with_columns(stopped_early=False))
 
 

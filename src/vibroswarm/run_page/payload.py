@@ -89,8 +89,8 @@ class RunRecord:
     """Time at which the last robot decided, s; None without a consensus."""
     motion: pl.DataFrame
     """The run's samples: robot, time and place."""
-    segments: pl.DataFrame
-    """The arcs of the robots' paths."""
+    poses: pl.DataFrame
+    """The robots' poses."""
     observations: pl.DataFrame
     """What each sample read."""
     inference: pl.DataFrame
@@ -339,7 +339,7 @@ def _maps(maps: MapsOverTime) -> dict[str, Any]:
 
 def _poses(record: RunRecord) -> dict[str, Any]:
     """Return the robots' thinned trajectories for the page, with the units of their packed integers."""
-    robots, kinds = tracks(record.segments, record.t_end_s)
+    robots, kinds = tracks(record.poses)
     return {
         "time_quantum_s": TIME_QUANTUM_S,
         "position_quantum_m": POSITION_QUANTUM_M,

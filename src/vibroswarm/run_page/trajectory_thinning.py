@@ -1,8 +1,8 @@
 """Thin trajectories for a page: a few knots, and circular arcs between them.
 
-A table of segments has exact poses, but one row for each control tick in which a turn slows down. It is thinned to
-*knots* (time, x, y, heading, kind of segment), between which the page draws circular arcs. At the share u of the time
-from knot 0 (position p0, heading h0) to knot 1, with the heading difference d and the chord c between the positions,
+A table of poses has a row for each control tick. It is thinned to *knots* (time, x, y, heading, kind); between these
+the page draws circular arcs. At the share u of the time from knot 0 (position p0, heading h0) to knot 1, with the
+heading difference d and the chord c between the positions,
 
     heading = h0 + d u
     position = p0 + c, rotated by d (u - 1) / 2 and multiplied by sin(d u / 2) / sin(d / 2).
@@ -33,13 +33,11 @@ large."""
 WIDEST_RAD = 0.9 * np.pi
 """Largest turn of an arc between two knots."""
 
-PIECE_S, PIECE_M, PIECE_RAD = 0.5, 0.025, np.radians(15)
-"""Largest time, distance and turn between points of a segment that are compared."""
-MOST_PIECES = 1000
-"""Largest number of pieces of a segment. Longer ones than 25 m are mostly of a log in other units, such as mm for m."""
+SEEN_S = 0.1
+"""Poses further apart than this are those that a camera saw; the path between them is a straight line."""
 
 KINDS = ("drive", "turn", "avoid", "stop")
-"""Usual kinds of segments; a table may have others."""
+"""Kinds of moves."""
 
 Floats = NDArray[np.float64]
 
@@ -59,23 +57,17 @@ class Track:
     kind: NDArray[np.int64]
 
 
-def tracks(segments: pl.DataFrame, t_end_s: float) -> tuple[list[Track], list[str]]:
-    """Thin one run's table of segments to knots.
+def tracks(poses: pl.DataFrame) -> tuple[list[Track], list[str]]:
+    """Thin one run's table of poses to knots.
 
-    Args:
-        segments: robot, start_s, x_m, y_m, heading_rad, speed_m_s, turn_rate_rad_s, kind; in any order.
-        t_end_s: when each robot's last segment ends, s.
-    Returns: one track per robot that has a segment before ``t_end_s``, sorted by robot; and the names of the kinds,
-        into which ``Track.kind`` is an index.
+    Returns: one track per robot, sorted by robot; and the names of the kinds, into which ``Track.kind`` is an index.
     """
-    names = [*KINDS, *sorted(set(segments["kind"].cast(pl.String).unique()) - set(KINDS))]
     found = []
-    # One robot at a time, as the points of all robots take several times the memory of the table.
-    for (robot,), own in segments.filter(pl.col("start_s") < t_end_s).group_by("robot"):
-        kind, knots = _points(own.sort("start_s", maintain_order=True), t_end_s, names)
+    for (robot,), own in poses.group_by("robot"):
+        kind, knots = _points(own.sort("time_s"))
         keep = _thin(kind, knots)
-        found.append(Track(robot, knots[keep], kind[keep]))
-    return sorted(found, key=lambda track: track.robot), names
+        found.append(Track(int(robot), knots[keep], kind[keep]))
+    return sorted(found, key=lambda track: track.robot), list(KINDS)
 
 
 def along(start: Floats, end: Floats, time_s: Floats) -> Floats:
@@ -104,76 +96,28 @@ def along(start: Floats, end: Floats, time_s: Floats) -> Floats:
     return np.stack([time_s, x, y, start[..., 3] + turned * share], axis=-1)
 
 
-def _points(table: pl.DataFrame, t_end_s: float, names: list[str]) -> tuple[NDArray[np.int64], Floats]:
-    """Divide each segment of a robot into at most MOST_PIECES, at most ``PIECE_S``, ``PIECE_M`` and ``PIECE_RAD`` long.
+def _points(own: pl.DataFrame) -> tuple[NDArray[np.int64], Floats]:
+    """Return a robot's poses by time: kind as an index, (points,); time, x, y, heading, (points, 4).
 
-    The points of a segment are its start and points inside. Its end is a point too if it is the last, or if the next
-    segment begins elsewhere.
-
-    Args:
-        table: the robot's segments sorted by start. t_end_s: end of the last, s. names: of the kinds.
-    Returns: kind as an index into ``names``, (points,); time, x, y, heading, (points, 4).
+    Where poses are far apart, another point ends the line from one to the next, with the heading of its start.
     """
-    kind = table["kind"].cast(pl.String).cast(pl.Enum(names)).to_physical().to_numpy().astype(np.int64)
-    columns = ["start_s", "x_m", "y_m", "heading_rad", "speed_m_s", "turn_rate_rad_s"]
-    start, x, y, heading, speed, rate = table.select(columns).to_numpy().astype(np.float64).T
-    duration_s = np.append(start[1:], t_end_s) - start
-    ends_at = _on_arc(x, y, heading, speed, rate, duration_s)
-    unwrapped = _unwrapped(heading, end=ends_at[2])
-    ends_at[2] += unwrapped - heading  # the heading at the end is changed by the same whole turns
-    heading = unwrapped
-    needs_end = np.append(_jumps(np.stack([x, y, heading]), ends_at), True)
-
-    # Pieces of each segment: as many as its duration, its length and its turn require, and at least one.
-    pieces = np.max(
-        [duration_s / PIECE_S, np.abs(speed) * duration_s / PIECE_M, np.abs(rate) * duration_s / PIECE_RAD], 0
-    )
-    pieces = np.clip(np.ceil(pieces), 1, MOST_PIECES).astype(np.int64)
-    count = pieces + needs_end  # points of each segment
-    row = np.repeat(np.arange(len(count)), count)  # the segment of each point
-    nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # its index in the segment
-    elapsed_s = duration_s[row] * nth / pieces[row]
-    pose = _on_arc(x[row], y[row], heading[row], speed[row], rate[row], elapsed_s)
-    return kind[row], np.stack([start[row] + elapsed_s, *pose], axis=1)
-
-
-def _on_arc(x: Floats, y: Floats, heading: Floats, speed: Floats, rate: Floats, elapsed_s: Floats) -> Floats:
-    """Return x, y, heading, (3, n), after ``elapsed_s`` at constant speed and turn rate; arguments (n,) each."""
-    half = rate * elapsed_s / 2
-    chord = speed * elapsed_s * np.sinc(half / np.pi)  # sin(half) / half
-    return np.stack(
-        [x + chord * np.cos(heading + half), y + chord * np.sin(heading + half), heading + 2 * half]
-    )
-
-
-def _jumps(starts: Floats, ends: Floats) -> NDArray[np.bool_]:
-    """Return whether the next segment begins more than 0.1 mm or half a degree from where this one ends.
-
-    Both arguments: x, y and heading, (3, segments). Returns: (segments - 1,).
-    """
-    x, y, heading = np.abs(starts[:, 1:] - ends[:, :-1])
-    return np.asarray((np.hypot(x, y) > 1e-4) | (heading > np.radians(0.5)))
-
-
-def _unwrapped(heading: Floats, end: Floats) -> Floats:
-    """Return the headings at the starts of segments, changed by whole turns to follow the end of the segment before.
-
-    Headings are in rad, (segments,) each.
-    """
-    # Whole turns between the end of a segment and the start of the next.
-    jumps = np.append(0.0, np.round((heading[1:] - end[:-1]) / (2 * np.pi)))
-    return np.asarray(heading - 2 * np.pi * np.cumsum(jumps))
+    kind = own["kind"].cast(pl.Enum(KINDS)).to_physical().to_numpy().astype(np.int64)
+    knots = own.select("time_s", "x_m", "y_m", "heading_rad").to_numpy().astype(np.float64)
+    knots[:, 3] = np.unwrap(knots[:, 3])
+    far = np.flatnonzero(np.diff(knots[:, 0]) > SEEN_S)
+    ends = np.column_stack([knots[far + 1, :3], knots[far, 3]])
+    return np.insert(kind, far + 1, kind[far]), np.insert(knots, far + 1, ends, axis=0)
 
 
 def _thin(kind: NDArray[np.int64], knots: Floats) -> NDArray[np.bool_]:
     """Choose the points of a robot to keep as knots.
 
-    The first knots are: the first and last point, each point at which the kind of segment changes, and the points
+    The first knots are: the first and last point, each point at which the kind changes, and the points
     before and after each jump. Then, repeatedly, the point with the largest error between each two neighbouring knots
     becomes a knot, until the arcs between knots pass all other points within the tolerances.
 
     Args:
-        kind: kind of segment of each point, (points,), at least one point. knots: time, x, y, heading of each point,
+        kind: kind of each point, (points,), at least one point. knots: time, x, y, heading of each point,
             (points, 4), sorted by time.
     Returns: whether each point is kept, (points,).
     """

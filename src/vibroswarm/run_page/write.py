@@ -162,12 +162,12 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         result: simulated, or of a recording (without a seed). run: number of the run. title: heading of the page; by
             default the number of robots and the name of the floor.
     Raises:
-        InputError: ``result`` is no ``Result``, has no such run, was simulated without segments, or is of a
+        InputError: ``result`` is no ``Result``, has no such run, was simulated without poses, or is of a
             recording without decisions; or its strategy or network is not loaded.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     why_not = why_no_page(result)
-    if why_not is not None or result.segments is None:
+    if why_not is not None or result.poses is None:
         raise InputError(f"no page can be made: {why_not}")
     floor, scenario = result.floor(run), result.scenario
     of_run = pl.col("run") == run
@@ -190,7 +190,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         consensus=summary["consensus"],
         consensus_time_s=summary["consensus_time_s"],
         truth=summary["truth"],
-        segments=result.segments.filter(of_run),
+        poses=result.poses.filter(of_run),
         **{name: getattr(result, name).filter(of_run) for name in RECORDED_TABLES},
         rule=rule,
         body=body_of(scenario),
@@ -354,8 +354,8 @@ def _reports_of(result: Result, run: int) -> dict[str, Any]:
 
 def why_no_page(result: Result) -> str | None:
     """Return why no page can show the runs of a result, as a clause; None if one can."""
-    if result.segments is None:
-        return "no positions between samples were kept (segments=True keeps those of a source that has them)"
+    if result.poses is None:
+        return "no poses between samples were kept (simulate with poses=True)"
     return None
 
 
@@ -363,7 +363,7 @@ def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:
     """Write the page of one run: a single file that a browser opens from disk; an existing file is replaced.
 
     Args:
-        result: simulated with segments, or a recording. path: of the file. run: number of the run.
+        result: simulated with poses, or a recording. path: of the file. run: number of the run.
     Raises:
         InputError: as of ``record_of``, or ``path`` is no path or cannot be written.
         RunError: the disk is full or failed.

@@ -35,12 +35,12 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import arrays_fit, final_columns, strategy_used
 from vibroswarm.inference.deliveries import needs_moves, timeline_of
-from vibroswarm.inference.motion_feedback import Wanted
 from vibroswarm.inference.outcomes import fills_and_truth, robot_columns, run_columns
 from vibroswarm.inference.replay import INFERENCE, infer, replay_followed, replay_to_end
 from vibroswarm.inference.replay_arrays import Log
 from vibroswarm.inference.reports import reported_at_end
-from vibroswarm.motion.source import ENDS, MOTION, Motion, source
+from vibroswarm.motion.motion_tables import ENDS, MOTION, Motion
+from vibroswarm.motion.source import moved
 from vibroswarm.observation.observe import (
     OBSERVATIONS,
     Readings,
@@ -113,15 +113,14 @@ def simulate_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -
         check_scenario(scenario)
     _check(cancelled)
     first = entries[0][0][0]
-    # No figure needs the paths between samples (segments).
-    wanted = Wanted(moves=any(needs_moves(scenario) for scenario, _ in chain(*entries)))
+    moves = any(needs_moves(scenario) for scenario, _ in chain(*entries))
     if by_decisions := motion_by_decisions(
         first
     ):  # such a group has a single scenario (see ``plan.plan_of``)
         floors = floors_of(first, work.seed, work.numbers)
-        full = by_decisions(first, work.seed, work.numbers, floors, work.motion, wanted)
+        full = by_decisions(first, work.seed, work.numbers, floors, work.motion, moves)
     else:
-        full = source(work.motion).batch(first, work.seed, work.numbers, *wanted)
+        full = moved(work.motion, first, work.seed, work.numbers, moves)
     motion, end_s = _SharedMotion(first, full, work, cancelled), first.run.t_end_s
     for entry in entries:
         scenarios = [scenario for scenario, _ in entry]
@@ -322,7 +321,6 @@ def beginning(motion: Motion, scenario: Scenario) -> Motion:
     return Motion(
         samples=samples.filter(pl.Series(is_before)),
         ends=ends.select(list(ENDS)),
-        segments=None,  # no figure needs the paths between samples
         moves=motion.moves,
         failures=motion.failures,
     )

@@ -26,7 +26,7 @@ from vibroswarm.core.numbers import count, number, whole
 from vibroswarm.core.tables import Schema
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, as_series
 from vibroswarm.inference.reports import REPORTED
-from vibroswarm.motion.source import FAILURES
+from vibroswarm.motion.motion_tables import FAILURES
 
 Columns = Mapping[str, NDArray[Any]]
 """Arrays by the names of columns."""

@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
-from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, OF_OBSERVATION, steers
 from vibroswarm.study.spec import Cell, Study
@@ -97,7 +96,7 @@ class Group:
     observed: tuple[tuple[tuple[Cell, ...], ...], ...]
     """Cells by floor, sensor and end of the runs, and then by scenario."""
     is_slow: bool
-    """Whether the source of motion takes longer than the event engine (``Source.robot_s``): then a block is one run."""
+    """Whether the source of motion takes far longer than the event engine: then a block is one run."""
 
     @property
     def first(self) -> Scenario:
@@ -192,7 +191,7 @@ def plan_of(study: Study) -> Plan:
             motion = scenario_hash  # shared by equal scenarios only, since decisions change the motion
         observed = motions.setdefault(motion, {}).setdefault(_key(cell.scenario, OF_OBSERVATION), {})
         observed.setdefault(scenario_hash, []).append(cell)
-    groups, is_slow = [], robot_s_of(study.motion) > ROBOT_S
+    groups, is_slow = [], study.motion == "mujoco"
     for number, observations in enumerate(motions.values()):
         entries = [
             tuple(tuple(equal_cells) for equal_cells in inferences.values())

@@ -1,7 +1,7 @@
 """Read the results of a study as tables of cells, robots, runs and samples, and simulate some of its runs again.
 
-A source of motion is slow if it takes longer than the event engine by its own estimate (``Source.robot_s``), as the
-physics simulators do. Fewer of its runs are simulated again for pictures, and they are cached.
+MuJoCo takes far longer than the other sources of motion. Fewer of its runs are simulated again for pictures, and they
+are cached.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ from vibroswarm.errors import (
     whole_number_of,
 )
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, Columns, costs_of
-from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fields import rows_as_text
@@ -80,6 +79,8 @@ ROWS_IN_A_PART: Final = 10_000
 """Rows of a cell, or of several small ones, that are read at once to compute the figures of their runs."""
 AGAIN_S: Final = 30.0
 """Longest time for which runs of a cell of a slow source are simulated again for pictures, s."""
+MUJOCO_S: Final = 1.1
+"""Rough processor time to simulate one robot for 1200 s in MuJoCo, s."""
 AGAIN_SAMPLES: Final = 5_000_000
 """Most samples of a cell that are simulated again for pictures, which take about 0.3 kB of memory each."""
 
@@ -498,22 +499,20 @@ class StudyResult(NotebookView):
             return pl.DataFrame(schema=dict(schema.columns))
         return pl.concat(scans).sort(schema.key).collect()
 
-    def result(self, cell: int, runs: int | Iterable[int], *, segments: bool = False) -> Result:
+    def result(self, cell: int, runs: int | Iterable[int], *, poses: bool = False) -> Result:
         """Simulate runs of a cell again from the seed, with all their samples; runs of a slow source are cached.
 
         Args:
             cell: its number. runs: how many, from run 0, or the numbers of the runs: ``[17]`` for run 17 alone.
-            segments: whether the result includes the paths between samples, from which poses are computed.
+            poses: whether the result includes the poses between samples.
         """
         scenario, study = self.cell(cell).scenario, self.study
         if not self._is_slow:
-            return simulate(scenario, study.seed, runs, motion=study.motion, segments=segments)
+            return simulate(scenario, study.seed, runs, motion=study.motion, poses=poses)
         numbers = check_runs(study.seed, runs)
-        chosen = (cell, tuple(numbers), segments)
+        chosen = (cell, tuple(numbers), poses)
         if chosen not in self._again:
-            self._again[chosen] = simulate(
-                scenario, study.seed, numbers, motion=study.motion, segments=segments
-            )
+            self._again[chosen] = simulate(scenario, study.seed, numbers, motion=study.motion, poses=poses)
         return self._again[chosen]
 
     def runs_there(self, cell: int, most: int) -> list[int]:
@@ -535,18 +534,18 @@ class StudyResult(NotebookView):
         if scenario.run.stop == "t_end":  # other runs may end long before
             again = again[: max(1, int(AGAIN_SAMPLES / samples_of_run(scenario)))]
         if self._is_slow:
-            run_s = robot_s_of(self.study.motion) * scenario.swarm.robots * scenario.run.t_end_s / 1200.0
+            run_s = MUJOCO_S * scenario.swarm.robots * scenario.run.t_end_s / 1200.0
             again = again[: max(1, int(AGAIN_S / run_s))]
         return again
 
     @cached_property
     def _is_slow(self) -> bool:
-        """Whether the source of motion takes longer than the event engine; False if its code is not loaded."""
-        return robot_s_of(self.study.motion) > ROBOT_S
+        """Whether the source of motion takes far longer than the event engine."""
+        return self.study.motion == "mujoco"
 
     @cached_property
     def _again(self) -> dict[tuple[int, tuple[int, ...], bool], Result]:
-        """Cache of ``result`` for a slow source, by cell, runs, and whether there are segments."""
+        """Cache of ``result`` for a slow source, by cell, runs, and whether there are poses."""
         return {}
 
     def to_pandas(self, table: str = "runs") -> pd.DataFrame:

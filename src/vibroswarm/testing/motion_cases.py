@@ -1,14 +1,12 @@
 """Cases (scenarios with some runs) in which motion sources are checked, and functions that the checks share.
 
-A source generates motion (``Motion``). Four of its tables are checked: samples, ends, segments and moves. The last two
-are given only if they are requested; they are None otherwise. The table ``failures`` is not checked.
+A source generates motion (``Motion``). Its tables of samples, ends and moves are checked, and not that of failures.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Final
 
@@ -16,7 +14,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.motion.source import Motion, Source
+from vibroswarm.motion.motion_tables import Motion
+from vibroswarm.motion.source import Source, moved
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.testing.runs import require
 
@@ -137,39 +136,21 @@ SHORT_CASE: Final = CASES[2]
 """The crowd, in which much happens: for checks that need only one case."""
 
 
-def fitted(cases: Sequence[Case], source: Source) -> list[Case]:
-    """Return cases with arenas that two robots of the source fit into, however they are turned.
-
-    Cases are for discs; a source whose robots have a footprint gets wider arenas where these are narrow.
-    """
-    if source.footprint_m is None:
-        return list(cases)
-    least_m = 2.05 * math.hypot(*source.footprint_m)
-    wider = [
-        {
-            k: max(v, least_m) if k in ("arena.width_m", "arena.height_m") else v
-            for k, v in case.values.items()
-        }
-        for case in cases
-    ]
-    return [replace(case, values=values) for case, values in zip(cases, wider, strict=True)]
-
-
 @lru_cache(maxsize=64)
 def motion_of(source: Source, case: Case) -> Motion:
-    """Return the motion of a case's runs, with segments and moves if the source gives them; cached for all checks."""
-    return source.batch(case.scenario, case.seed, case.runs, segments=True, moves=True)
+    """Return the motion of a case's runs, with moves if the source gives them; cached for all checks."""
+    return moved(source, case.scenario, case.seed, case.runs, moves=True)
 
 
 def same(one: Motion, other: Motion, words: str = "") -> None:
-    """Require that the four tables of two motions are equal, bit by bit; a table may be None in both.
+    """Require that the three tables of two motions are equal, bit by bit; a table may be None in both.
 
     Args:
         words: what is compared; it is put before the error message.
     Raises:
-        AssertionError: the motions differ.
+        AssertionError: the motions differ; the first difference is named.
     """
-    for name in ("samples", "ends", "segments", "moves"):
+    for name in ("samples", "ends", "moves"):
         tables = [table for table in (getattr(one, name), getattr(other, name)) if table is not None]
         is_equal = not tables or (len(tables) == 2 and tables[0].equals(tables[1]))
         require(is_equal, f"{words}: the {name} of the two differ".removeprefix(": "))

@@ -26,12 +26,11 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import branching_kernel, inlined, inner
 from vibroswarm.motion.control_step import control_one, is_blind, load, rays_to_disc, rays_to_walls, refresh
-from vibroswarm.motion.event.encounters import schedule_encounters
 from vibroswarm.motion.event.event_queue import KEY_BITS, ROBOT_BITS, next_two_wakes, next_wake, set_wake
 from vibroswarm.motion.event.lookahead import blocked_ticks, maybe_within, set_chord, set_standing, wall_tick
 from vibroswarm.motion.event.neighbours import SMALL_SWARM, insert, store_plan
+from vibroswarm.motion.event.pair_lookahead import schedule_encounters
 from vibroswarm.motion.event.trajectory import (
-    Planner,
     Planners,
     along_arc,
     begin_plan,
@@ -46,12 +45,9 @@ from vibroswarm.motion.event.trajectory import (
     stops_at,
     ticks_to_sample,
     ticks_to_self_event,
-    turned_by,
 )
-from vibroswarm.motion.event.turn_ahead import turn_command
 from vibroswarm.motion.event.world import World, candidate, candidate_count, is_within, look_around, within2
-from vibroswarm.motion.moves import note_move
-from vibroswarm.motion.recorder import Record, room_for, write_sample, write_segment
+from vibroswarm.motion.recorder import note_move, write_sample
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import DRIVE, STOP, looks
 
@@ -59,23 +55,20 @@ HORIZON_TICKS = 250
 """Longest time for which a robot that drives or turns plans ahead: the approximation of longer arcs is poor."""
 
 
-ROOM_TICKS = 2 * (HORIZON_TICKS + 2)
-"""Largest number of rows that a robot writes between two checks of the buffers: two turns, one segment per tick."""
-
-
 @branching_kernel
 def events(world: World, until: int) -> int:
     """Process all events before the tick ``until``, or until the buffers might overflow; return the tick reached."""
     planners, wakes, record, robots = world.planners, world.wakes, world.record, world.planners.size
-    # Numbers of rows in the buffers up to which there is room for the events of one more tick.
-    last_sample, last_segment, last_move = room_for(record, ROOM_TICKS * robots, robots)
+    # Numbers of rows in the buffers up to which there is room for the events of one more tick, and for samples at the
+    # end.
+    last_sample, last_move = record.samples.size - 2 * robots, max(0, record.moves.size - robots)
     while True:
         # The smallest key of the queue and the one after it. A key holds tick and robot in one number.
         key, after = next_two_wakes(wakes, robots)
         tick = key >> KEY_BITS
         if tick >= until:
             break
-        if record.filled[0] > last_sample or record.filled[1] > last_segment or record.filled[2] > last_move:
+        if record.filled[0] > last_sample or record.filled[1] > last_move:
             return tick  # the caller empties the buffers and calls again
         if after == key:  # ``next_two_wakes`` has not searched for the second key
             after = next_wake(wakes, robots, key)
@@ -108,14 +101,11 @@ def events(world: World, until: int) -> int:
             i = awake_robot(world, k)
             row = planners[i]
             set_wake(wakes, i, min(row.lookahead_tick, row.self_event_tick))
-    # No event is left before ``until``. Write the samples and the segments of turns before ``until`` that are still
-    # missing, as they are otherwise written when the robot wakes.
+    # No event is left before ``until``. Write the samples before it that are missing (else robots do when they wake).
     for i in range(robots):
         row = planners[i]
         if row.mode == STOP and row.sampled == 0 and row.sample_tick < until:
             sample(world, i)
-        if record.segments.size > 0:
-            write_turn(record, row, i, world.setup, world.run, until)
     return until
 
 
@@ -136,9 +126,6 @@ def stop(world: World, i: int, tick: int) -> None:
     """
     row, record = world.planners[i], world.record
     begin_stop(row, world.setup, tick)
-    if record.segments.size > 0:
-        # Speed and turn rate are 0.
-        write_segment(record, world.run, i, tick, (row.x_m, row.y_m, row.heading_rad), 0.0, 0.0, STOP)
     if record.moves.size > 0:
         write_move(world, i, tick)
     if world.planners.size <= SMALL_SWARM:
@@ -171,8 +158,6 @@ def wake_neighbours(world: World, count: int, tick: int) -> int:
                 sample(world, i)
             stand_on(row, tick)
         else:
-            if world.record.segments.size > 0:
-                write_turn(world.record, row, i, setup, world.run, tick)
             catch_up(row, setup, tick)
         if look_around(world, i, tick):
             near2 = within2(world.apart, i, setup.zone_m)
@@ -208,7 +193,7 @@ def step(world: World, count: int, tick: int) -> None:
     Args:
         count: number of awake robots.
     """
-    planners, setup, record, run = world.planners, world.setup, world.record, world.run
+    planners, setup = world.planners, world.setup
     for k in range(count):
         i = awake_robot(world, k)
         row = planners[i]
@@ -220,17 +205,11 @@ def step(world: World, count: int, tick: int) -> None:
             row.nearest_mm = 1000.0 * nearest_now_m(world, i, tick)
     for k in range(count):
         i = awake_robot(world, k)
-        control_one(planners, setup, world.seed, run, tick, i)
+        control_one(planners, setup, world.seed, world.run, tick, i)
         begin_plan(planners[i], setup, tick)
     for k in range(count):
         contact_now(world, awake_robot(world, k), tick)
-    if record.segments.size > 0:
-        for k in range(count):
-            i = awake_robot(world, k)
-            row = planners[i]
-            pose = (row.x_m, row.y_m, row.heading_rad)
-            write_segment(record, run, i, tick, pose, row.speed_m_s, row.rate_rad_s, row.mode)
-    if record.moves.size > 0:
+    if world.record.moves.size > 0:
         for k in range(count):
             write_move(world, awake_robot(world, k), tick)
 
@@ -330,31 +309,6 @@ def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m
         other_x, other_y = position_at(other, setup, tick)
     dx, dy = other_x - x_m, other_y - y_m
     return bool(dx * dx + dy * dy < 4.0 * setup.radius_m * setup.radius_m)
-
-
-@inner
-def write_turn(record: Record, row: Planner, i: int, setup: Setup, run: int, until: int) -> None:
-    """Write the segments of robot ``i``'s turn before the tick ``until`` that are not written yet.
-
-    A segment begins at each tick at which the wheel command changes. Does nothing for a robot that does not turn.
-    """
-    if row.mode == STOP or row.mode == DRIVE:
-        return
-    # The steps of the turn since the plan's tick are computed again, as the row holds only the turn's state there.
-    error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
-    before = turn_command(setup, error_deg, integral_deg_s)
-    for tick in range(row.tick + 1, until):
-        error_deg -= row.turn_gain * before  # ``turn_gain``: degrees turned in a tick by a command of 1 %
-        integral_deg_s += error_deg * setup.tick_ms / 1000.0
-        command = turn_command(setup, error_deg, integral_deg_s)
-        if command != before and tick > row.written_tick:
-            x_m, y_m, heading, _, _ = turned_by(row, row.error_deg - error_deg)
-            rate = math.radians(row.turn_gain * command) / setup.tick_s
-            # The robot's centre moves on a circle of radius ``radius_m``.
-            speed_m_s = 0.0 if row.blocked else row.radius_m * rate
-            write_segment(record, run, i, tick, (x_m, y_m, heading), speed_m_s, rate, row.mode)
-        before = command
-    row.written_tick = until - 1  # the segments up to this tick are written
 
 
 @inlined

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import entry_for, kernel, zero_rows
-from vibroswarm.motion.event.encounters import new_lists
 from vibroswarm.motion.event.engine import events
 from vibroswarm.motion.event.event_queue import NEVER, all_wake
 from vibroswarm.motion.event.neighbours import (
@@ -21,31 +19,20 @@ from vibroswarm.motion.event.neighbours import (
     empty_lists,
     list_radius_m,
 )
+from vibroswarm.motion.event.pair_lookahead import new_lists
 from vibroswarm.motion.event.trajectory import PLANNER, Planners, pose_at
 from vibroswarm.motion.event.world import World
-from vibroswarm.motion.geometry import wrapped_rad
-from vibroswarm.motion.kernel_run import KernelRun, batch_of, no_sample_before_plans
-from vibroswarm.motion.recorder import END_ROW
+from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.motion.source import Source, register
 from vibroswarm.robot.walk import STOP
 
 
 @kernel
-def write_ends(
-    planners: Planners, setup: Setup, tick: int, ends: NDArray[np.void], headings: NDArray[np.float64]
-) -> None:
-    """Write the robots' poses at ``tick``, and ``stop_tick``, into rows of ``END_ROW``; the caller sets other fields.
-
-    ``headings``, (robots,): written too, rad, not wrapped.
-
-    ``stop_tick`` is the tick from which the robot stands and hears nothing, or -1 if it moves, or has failed but still
-    hears (``control_step.fail`` then sets -1 in its row).
-    """
+def write_poses(planners: Planners, setup: Setup, tick: int, poses: NDArray[np.float64]) -> None:
+    """Write the robots' poses at ``tick`` into ``poses``, (robots, 3); headings are not wrapped."""
     for i in range(planners.size):
-        ends[i].x_m, ends[i].y_m, headings[i] = pose_at(planners[i], setup, tick)
-        ends[i].heading_rad = wrapped_rad(headings[i])
-        ends[i].stop_tick = planners[i].stop_tick if planners[i].mode == STOP else -1
+        poses[i, 0], poses[i, 1], poses[i, 2] = pose_at(planners[i], setup, tick)
 
 
 class EventRun(KernelRun):
@@ -72,10 +59,9 @@ class EventRun(KernelRun):
         self.go: Callable[[World, int], int] | None = None
         self.update: Callable[[World, NDArray[np.int64], float, int], None] | None = None
 
-    def start(self, seed: int, run: int) -> None:
-        """Reset this state to time 0 of a run: all robots stand, and their first event is the step at tick 1."""
-        super().start(seed, run)
-        self.made_world: World | None = None
+    def begin(self, seed: int, run: int) -> None:
+        """Set this state to time 0 of a run: all robots stand, and their first event is the step at tick 1."""
+        super().begin(seed, run)
         swarm = self.swarm
         swarm["self_event_tick"], swarm["lookahead_tick"] = 1, NEVER  # only the robot's own event wakes it
         heading_rad = swarm["heading_rad"].tolist()
@@ -89,27 +75,13 @@ class EventRun(KernelRun):
             self.places["mid_x_m"][0, : swarm.size] = swarm["x_m"]
             self.places["mid_y_m"][0, : swarm.size] = swarm["y_m"]
 
-    def copy(self) -> EventRun:
-        """Return an independent copy of this state.
-
-        Arrays that never change (``all_wake``) are shared, and so is ``grid``, which holds nothing from one call of
-        ``new_lists`` to the next.
-        """
-        branch = super().copy()
-        branch.made_world = None
-        branch.wakes, branch.near, branch.places = self.wakes.copy(), self.near.copy(), self.places.copy()
-        branch.awake, branch.apart, branch.stops = self.awake.copy(), self.apart.copy(), self.stops.copy()
-        return branch
-
     def world(self) -> World:
         """Return the arrays and parameters of this run as the argument of the kernels; arrays are not copied."""
-        if self.made_world is None or self.made_world.record is not self.record:
-            self.made_world = World(
-                planners=self.swarm, stops=self.stops, wakes=self.wakes, near=self.near, places=self.places[0],
-                apart=self.apart, awake=self.awake, setup=self.setup, speeds=self.speeds, record=self.record,
-                seed=self.seed, run=self.run,
-            )  # fmt: skip
-        return self.made_world
+        return World(
+            planners=self.swarm, stops=self.stops, wakes=self.wakes, near=self.near, places=self.places[0],
+            apart=self.apart, awake=self.awake, setup=self.setup, speeds=self.speeds, record=self.record,
+            seed=self.seed, run=self.run,
+        )  # fmt: skip
 
     def move_on(self, until: int) -> int:
         """Process all events before the tick ``until``, or until the buffers might overflow; return the tick reached.
@@ -127,25 +99,15 @@ class EventRun(KernelRun):
             self.go = entry_for(events, world, until)
         return self.go(world, until)
 
-    def no_sample_before(self) -> int:
-        """Return a tick, ``tick`` or later, before which surely no robot samples."""
-        return no_sample_before_plans(self.swarm, self.setup, self.tick)
+    def latest_ticks(self) -> NDArray[np.int64]:
+        """Return the ticks at which the robots' plans began, (robots,)."""
+        return self.swarm["tick"].copy()
 
-    def ends(self) -> NDArray[np.void]:
-        """Return the robots' current poses (``END_ROW``), shape (robots,)."""
-        ends = zero_rows(self.swarm.size, END_ROW)
-        ends["run"], ends["robot"], ends["tick"] = self.run, np.arange(self.swarm.size), self.tick
-        write_ends(self.swarm, self.setup, self.tick, ends, np.empty(self.swarm.size))
-        return ends
-
-    def headings(self) -> NDArray[np.float64]:
-        """Return the robots' current headings, rad, not wrapped, shape (robots,)."""
-        headings = np.empty(self.swarm.size)
-        write_ends(self.swarm, self.setup, self.tick, zero_rows(headings.size, END_ROW), headings)
-        return headings
+    def poses(self) -> NDArray[np.float64]:
+        """Return the robots' present poses, (robots, 3): x, y, m, and heading, rad, not wrapped."""
+        poses = np.empty((self.swarm.size, 3))
+        write_poses(self.swarm, self.setup, self.tick, poses)
+        return poses
 
 
-EVENT = Source("event", EventRun, partial(batch_of, EventRun), "from event to event", is_ours=True)
-
-
-register(EVENT)
+EVENT = register(Source("event", EventRun, "from event to event", is_ours=True))

@@ -40,8 +40,8 @@ from vibroswarm.motion.event.trajectory import (
     blocked_turn_end,
     position_at,
     position_in_turn,
+    turn_command,
 )
-from vibroswarm.motion.event.turn_ahead import turn_command
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import DRIVE, STOP
 

@@ -44,7 +44,7 @@ class World(NamedTuple):
     speeds: NDArray[np.float64]
     """``robot_params.speed_quantiles``."""
     record: Record
-    """The buffers of samples, segments and moves."""
+    """The buffers of samples and moves."""
     seed: int
     """The run's seed, which addresses its random numbers."""
     run: int

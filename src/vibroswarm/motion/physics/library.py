@@ -8,14 +8,10 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from vibroswarm.errors import InputError
-
-MAJOR: Final = "4"
-"""Major version of MuJoCo in which the functions have these signatures."""
 
 ADDRESS: Final = ctypes.c_ssize_t
 NUMBER: Final = ctypes.c_int
@@ -42,7 +38,7 @@ def mujoco() -> Any:
     """Return the module ``mujoco``, with its warnings turned off: runs read and report them themselves.
 
     Raises:
-        InputError: MuJoCo is not installed, or has another major version, whose functions may have other signatures.
+        InputError: MuJoCo is not installed.
     """
     try:
         import mujoco as module
@@ -50,12 +46,6 @@ def mujoco() -> Any:
         raise InputError(
             "needs MuJoCo, which is not installed: pip install 'vibroswarm[physics]'", field="motion"
         ) from None
-    found = version("mujoco")
-    if found.partition(".")[0] != MAJOR:
-        raise InputError(
-            f"needs MuJoCo {MAJOR}, and {found} is installed: pip install 'vibroswarm[physics]'",
-            field="motion",
-        )
     # Without a handler of warnings, MuJoCo writes them into a file in the working directory. One that the user has set
     # is left.
     if module.get_mju_user_warning() is None:

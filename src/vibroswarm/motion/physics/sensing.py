@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner
 from vibroswarm.motion.control_step import Swarm, account, is_blind, load
-from vibroswarm.motion.physics.arcs import note_arcs
+from vibroswarm.motion.physics.arcs import note_fitted_move
 from vibroswarm.motion.recorder import Record
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import looks
@@ -169,20 +169,20 @@ def end_period(
     swarm: Swarm,
     setup: Setup,
     record: Record,
-    opened: NDArray[np.void],
     run: int,
     tick: int,
 ) -> None:
-    """End the control period at ``tick``: record segments and moves, and count each robot's time in its mode.
+    """End the control period at ``tick``: record moves, and count each robot's time in its mode.
 
     Args:
         warned: whether MuJoCo has warned in this period. If so, the period is undone, and the robots stand from its
             beginning on.
-        opened: each robot's open segment (``arcs.OPEN_SEGMENT``), updated.
     """
     if world.frozen[0]:
         stand(swarm)
     elif warned:
         freeze(world, swarm, tick)
-    note_arcs(record, opened, swarm, setup, run, tick)
+    if record.moves.size > 0:
+        for i in range(swarm.size):
+            note_fitted_move(record, swarm, setup, run, tick, i)
     account(swarm)

@@ -241,7 +241,7 @@ def _simulated(settings: Settings, column: str) -> Result:
     """
     sets = min(SETS, max(2, settings.runs // SESSIONS))
     scenario = settings.scenario(column, real_floor(), parameter_set=EMPIRICAL)
-    return simulate(scenario, settings.seed, sets * SESSIONS, segments=True)
+    return simulate(scenario, settings.seed, sets * SESSIONS, poses=True)
 
 
 def _first_set(result: Result) -> Result:
@@ -254,7 +254,7 @@ def _first_set(result: Result) -> Result:
         result: simulation with at least one set of sessions.
     """
     seed = int(result.seed or 0)  # None only for recordings, so 0 is never used
-    return simulate(result.scenario, seed, SESSIONS, segments=True)
+    return simulate(result.scenario, seed, SESSIONS, poses=True)
 
 
 def compute(work: Work) -> Tables:

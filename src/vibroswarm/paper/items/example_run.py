@@ -46,7 +46,7 @@ def example(settings: Settings) -> Result:
     It is cached, because the tables and the picture both need it.
     """
     values = {"floor.source": f"random:{FILL}", "swarm.robots": ROBOTS}
-    return simulate(settings.scenario(settings.columns[0], values), settings.seed, 1, segments=True)
+    return simulate(settings.scenario(settings.columns[0], values), settings.seed, 1, poses=True)
 
 
 def compute(work: Work) -> Tables:
@@ -56,7 +56,7 @@ def compute(work: Work) -> Tables:
     is the mean absolute error of the estimate over runs, minus the share of one tile.
     """
     result = example(work.settings)
-    assert result.segments is not None  # ``example`` requests the paths
+    assert result.poses is not None  # ``example`` requests them
     # ``motion`` and ``observations`` have the same samples in the same order.
     samples = result.motion.select("robot", "sample", "time_s", "x_m", "y_m").hstack(
         result.observations.select("tile", "energy", "observation")
@@ -74,7 +74,7 @@ def compute(work: Work) -> Tables:
     names = ["column", "strategy", "runs", "estimate", "error", "spread", "command"]
     return {
         "samples": samples,
-        "paths": result.segments,
+        "paths": result.poses,
         "estimates": pl.DataFrame(rows, schema=names, orient="row"),
         CLAIMS: frame(measured),
     }
