@@ -195,7 +195,7 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
             )
     found = {
         "World": struct_of_class("vs_World", World, omitted=omitted_of_world(strategy), like=parts.world),
-        "Reading": struct_of_class("vs_Reading", Reading),
+        "Reading": struct_of_class("vs_Reading", Reading, omitted=("log_ratio", "value")),
         "Draws": struct_of_class("vs_Draws", Draws),
         "WalkProgram": struct_of_class("vs_WalkProgram", WalkProgram),
         "WalkState": struct_of_class("vs_WalkState", WalkState),

@@ -25,7 +25,6 @@ from vibroswarm.core.jit import generated, inlined_uncached
 from vibroswarm.core.user_code import globals_of, is_known, users_text
 from vibroswarm.errors import InputError
 from vibroswarm.inference import default_hooks
-from vibroswarm.inference.replay_arrays import detailed_reading, own_reading
 from vibroswarm.networks.base import Network
 from vibroswarm.strategies.base import Strategy, arrays_of
 from vibroswarm.strategies.static_analysis import NETWORK_HOOKS, PARAMETERS, STRATEGY_HOOKS, is_shipped
@@ -119,7 +118,6 @@ def _built(strategy: Strategy, network: Network) -> ModuleType:
     key = uuid4().hex if used is None else sha256(f"{text}\0{used}".encode()).hexdigest()[:16]
     name = f"vibroswarm_generated_{strategy.name}_{network.name}_{key}"
     module, compiled = generated(name, text, is_saved=used is not None), dict[Callable[..., Any], Any]()
-    vars(module)["reading_of"] = detailed_reading if strategy.reads_details else own_reading
     for hook in PARAMETERS:
         place = f"own_{hook}" if f"own_{hook}(" in text else hook
         if place not in vars(module):  # else it is generated

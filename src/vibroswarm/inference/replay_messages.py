@@ -52,7 +52,6 @@ from vibroswarm.inference.default_hooks import (
     on_sample,
     on_timer,
     opposite_of,
-    reading_of,
     send,
     steer,
     views,
@@ -71,6 +70,7 @@ from vibroswarm.inference.replay_arrays import (
     Stops,
     clear_inbox,
     is_decision,
+    own_reading,
     put_message,
     take_first,
 )
@@ -365,7 +365,7 @@ def take_sample(
 ) -> bool:  # fmt: skip
     """Let the strategy of robot ``i``, in row ``e``, handle the sample in row ``k``; return whether it sends."""
     number = signed(rows.sample[k])
-    x = reading_of(readings, k, rows.time_s[k], number)
+    x = own_reading(readings, k, rows.time_s[k], number)
     # The first random number of ``on_sample``, or below 0 if it is not computed yet.
     known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0
     draws = sample_draws(seed, run, i, number, known_uniform)
@@ -483,7 +483,7 @@ def replay(
                 replayed[r] += 1
                 if HAS_STEER:
                     number = signed(rows.sample[k])
-                    x, d = reading_of(readings, k, t_s, number), steering_draws(seed, run, i, number)
+                    x, d = own_reading(readings, k, t_s, number), steering_draws(seed, run, i, number)
                     steering[k, 0], steering[k, 1] = steer(
                         swarm.states[e], views(swarm.arrays, e), x, d, swarm.params[i], w
                     )

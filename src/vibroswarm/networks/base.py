@@ -97,7 +97,7 @@ class Network(Plugin):
             if getattr(self, hook) is not None:
                 # "or ()" is for the type checker: NumPy's ``names`` may be None, but rows always have fields.
                 fields = {argument: names or () for argument, names in names_of.items()}
-                check_function(hook, getattr(self, hook), fields, tuple(self.lists))
+                check_function(hook, getattr(self, hook), fields)
 
     @property
     def reads_positions(self) -> bool:
