@@ -124,7 +124,7 @@ BAD = {
     "two bits": (WRONG_VALUES, 1, "the bit of a message is neither 0 nor 1", "bit=2"),
     "two bits, counting": (COUNTS_BITS, 1, "the bit of a message is neither 0 nor 1", "lead=2"),
     "an index too large": (WRONG_VALUES, 1, "an index is beyond the end of an array", "index=5"),
-    "a count that is none": (GOOD.replace("    n: int", "    n: int\n    alpha: float"), 2, "alpha and beta are counts"),
+    "a count that is none": (GOOD.replace("    n: int", "    n: int\n    alpha: float"), 2, "alpha and beta are"),
     "raises": (GOOD, 1, "line 24, in on_sample: ValueError: three", "raises_at=3"),
     "two ways to hear": (
         GOOD.replace("    n: int\n", "    n: int\n\n\ndef on_counts(s, ones, zeros, p, w):\n    s.n += ones\n\n\n"

@@ -51,12 +51,8 @@ Hook = Callable[..., Any]
 """A function of a strategy that the simulator calls."""
 
 
-class NoParams:
-    """Parameters of a strategy that has none."""
-
-
-class NoArrays:
-    """Arrays of a strategy whose state is scalars alone."""
+class Nothing:
+    """No fields, and no arrays."""
 
 
 def _ignore_message(s: Any, a: Any, m: Any, sender: int, t_s: float, d: Any, p: Any, w: Any) -> None:
@@ -80,7 +76,7 @@ class Plugin:
 
     name: str
     _: KW_ONLY
-    params: type = NoParams
+    params: type = Nothing
     about: str = ""
     source: str = field(default="", compare=False)
     """Text of its file, if that is not part of this package; else empty."""
@@ -165,7 +161,7 @@ class Strategy(Plugin):
     decision: Hook
     message: type = Bit
     belief: Hook | None = None
-    arrays: type = NoArrays
+    arrays: type = Nothing
     on_counts: Hook | None = None
     on_message: Hook | None = None
     on_timer: Hook | None = None

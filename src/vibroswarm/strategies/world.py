@@ -185,10 +185,7 @@ def beliefs(boundary: float, counts: int) -> Beliefs:
 
     Sizes are powers of 2, so that scenarios of similar length share a cached table.
     """
-    room = MIN_COUNTS
-    while room <= counts and room < MAX_COUNTS:
-        room *= 2
-    return _beliefs(boundary, room)
+    return _beliefs(boundary, min(max(1 << counts.bit_length(), MIN_COUNTS), MAX_COUNTS))
 
 
 @lru_cache(maxsize=8)
