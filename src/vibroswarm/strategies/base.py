@@ -329,18 +329,10 @@ KINDS: Final[dict[type, Any]] = {int: np.int64, float: np.float64, bool: np.bool
 
 
 def fields_of(declared: type) -> dict[str, type]:
-    """Return the type of each field of an annotated class, by name: int, float or bool.
-
-    Raises:
-        InputError: a field has another type.
-    """
+    """Return the type of each field of an annotated class, by name: int, float or bool."""
     hints = get_type_hints(declared)
-    if issubclass(declared, BaseModel):  # leave out its other annotations, such as model_config
-        hints = {name: hints[name] for name in declared.model_fields}
-    for name, kind in hints.items():
-        if kind not in KINDS:
-            raise InputError(f"{kind} is not a field type; use int, float or bool", field=name)
-    return hints
+    # A model has other annotations too, such as model_config.
+    return {name: hints[name] for name in getattr(declared, "model_fields", hints)}
 
 
 @cache
@@ -352,13 +344,10 @@ def row_type(declared: type, what: str) -> np.dtype[np.void]:
     Args:
         declared: the class. what: its role, such as "state", for error messages.
     Raises:
-        InputError: a field is not int, float or bool, has the name of an attribute of NumPy's records, or a default
-            that would have no effect.
+        InputError: a field has a default that would have no effect.
     """
     fields = fields_of(declared)
     for name in fields:
-        if hasattr(np.record, name):  # without Numba, row.name would be NumPy's attribute, not the field
-            raise InputError(f"'{name}' is an attribute of NumPy's records; choose another name", field=what)
         if what != "params" and getattr(declared, name, 0) != 0:
             raise InputError(
                 f"{name}: defaults have no effect, all fields are 0 at first; set it in begin", field=what

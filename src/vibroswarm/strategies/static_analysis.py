@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import ast
 import inspect
-import linecache
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import cache, lru_cache
+from functools import cache
 from itertools import chain
+from textwrap import dedent
 from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any, Final
 
-from vibroswarm.core.user_code import TEXT, is_known
+from vibroswarm.core.user_code import is_known
 from vibroswarm.errors import InputError, nearest
 
 if TYPE_CHECKING:
@@ -141,18 +141,12 @@ def _called(functions: Iterable[object]) -> list[FunctionType]:
 
 def _nodes_of(function: Callable[..., Any]) -> Iterator[ast.AST]:
     """Yield the nodes of a function's syntax tree, with the lines of its file; none if its source cannot be read."""
-    plain = _plain(function)
-    code = plain.__code__
-    text = plain.__globals__.get(TEXT) or "".join(linecache.getlines(code.co_filename, plain.__globals__))
-    for tree in _functions_in(text):
-        first = min(node.lineno for node in (tree, *tree.decorator_list))
-        if (tree.name, first) == (code.co_name, code.co_firstlineno):
-            yield from ast.walk(tree)
-
-
-@lru_cache(maxsize=64)
-def _functions_in(text: str) -> list[ast.FunctionDef]:
-    return [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]
+    try:
+        lines, first = inspect.getsourcelines(_plain(function))
+        tree = ast.parse(dedent("".join(lines)))
+    except (OSError, SyntaxError):  # typed at a prompt, or a part of an expression
+        return
+    yield from ast.walk(ast.increment_lineno(tree, first - 1))
 
 
 def _plain(function: Any) -> Any:
