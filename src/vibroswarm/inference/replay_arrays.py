@@ -222,15 +222,6 @@ def empty_inbox(robots: int, capacity: int) -> Inbox:
     return Inbox(first, last, before, after, message, arrival_tick, free)
 
 
-def start_capacity(robots: int) -> int:
-    """Return the first capacity of an inbox to try, in entries; callers repeat with a larger one if it is too small.
-
-    There is room for one unread message from each robot to each other robot, but not for more than 2^19 (4 arrays of 8
-    bytes each, 16 MiB). The 64 entries more keep the capacity of very small swarms from being almost 0.
-    """
-    return min(robots * robots, 2**19) + 64
-
-
 @inlined
 def clear_inbox(inbox: Inbox) -> None:
     """Remove all messages of all robots."""

@@ -24,7 +24,6 @@ from vibroswarm.inference.replay_arrays import (
     Stops,
     empty_inbox,
     empty_log,
-    start_capacity,
 )
 from vibroswarm.inference.sender_positions import NO_TRACKS, Tracks
 from vibroswarm.networks import Network
@@ -90,7 +89,9 @@ class Replayer:
         self.network_arrays = network_arrays_for(strategy, network, params, sizes_of(scenario))
         # Room for a message at each sample, and for seven times as many sent by timers; it is enlarged if needed.
         at_samples = longest if strategy.on_timer is None else 8 * longest
-        self.under_way = start_capacity(self.robots)  # room for unread messages, of all receivers together
+        # Room for one unread message from each robot to each other robot, but for 2^19 (16 MiB) at most; it is enlarged
+        # if needed.
+        self.under_way = min(self.robots * self.robots, 2**19) + 64
         self.buffer = self._message_buffer(at_samples + 64)
 
     @property

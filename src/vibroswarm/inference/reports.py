@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from vibroswarm.inference.agents import Swarm, strategy_used
 from vibroswarm.inference.deliveries import Timeline
 from vibroswarm.inference.replay_arrays import Log
-from vibroswarm.inference.robot_maps import beliefs_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies.place_map import WITH_MAP
 
@@ -73,6 +72,26 @@ def array_at_end(scenario: Scenario, name: str, arrays: Any) -> NDArray[Any]:
         return found
     robots = scenario.swarm.robots
     return beliefs_of(arrays, len(found) // robots, robots)[0].reshape(len(found), -1)
+
+
+def beliefs_of(arrays: Any, runs: int, robots: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the maps of robots that keep one, (runs, robots, tiles), and the pooled map, (runs, tiles), at the end.
+
+    A robot keeps log odds of each tile by sender, and weights of senders; the probabilities follow from both.
+
+    Args:
+        arrays: of all robots of all runs at the end (``Swarm.arrays``).
+    """
+    from scipy.special import expit  # its import takes long
+
+    # Axes: run, robot, sender, tile.
+    odds = arrays.odds.reshape(runs, robots, robots, -1)
+    weight = arrays.weight.reshape(runs, robots, robots, 1)
+    # Log odds of a tile of which nothing is known, as each robot has learned them; 0 if tiles are independent.
+    prior = arrays.prior_odds.reshape(runs, robots, 1)
+    # Robot i's log odds from sender i are those from its own samples.
+    own = odds[:, np.arange(robots), np.arange(robots)].sum(axis=1)
+    return expit((odds * weight).sum(axis=2) + prior), expit(own + prior.mean(axis=1))
 
 
 ESTIMATE: Final = ("estimate", "estimate_spread")

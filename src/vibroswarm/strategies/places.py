@@ -33,7 +33,7 @@ readings lose the fraction 1 / 60 of their weight in surprise, suspicion and cou
 - What a robot is told about its task: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below
   1, and how far beyond edges vibration is felt if ``edge_reach_m`` is above 0.
 - A priori each tile vibrates with probability 1/2, independently, if the boundary is 1/2. With another boundary, or
-  ``prior_median``, tiles share a prior: ``place_share`` has belief and score then, and p_t has the prior odds o.
+  ``prior_median``, tiles share a prior: ``place_map`` has belief and score then, and p_t has the prior odds o.
 - ``fading`` is ``places`` for floors that change: at each own sample, s seconds after the one before, l_jt becomes
   l_jt exp(-s / ``memory_s``). The decision may change if ``decision.revise`` is set. A floor that changes contradicts
   all senders at once: set ``trust_limit`` to 1000 and ``broken_prior`` to 0, unless robots may fail.
@@ -55,8 +55,17 @@ from pydantic import Field
 from vibroswarm.core.jit import inlined
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
-from vibroswarm.strategies.place_map import RATE, TileArrays, add_reading, score, score_at, share_place
-from vibroswarm.strategies.place_share import learn_share, score_asked, tiles_share
+from vibroswarm.strategies.place_map import (
+    RATE,
+    TileArrays,
+    add_reading,
+    learn_share,
+    score,
+    score_asked,
+    score_at,
+    share_place,
+    tiles_share,
+)
 from vibroswarm.strategies.world import Draws, Reading, World
 
 STEP_M: Final = 0.001
