@@ -125,6 +125,18 @@ class _Question:
         return number, math.nan if answer is None else float(answer)
 
 
+def truth_on(scenario: Scenario, floor: Floor, *, time_s: float = math.inf) -> int | None:
+    """Return the right decision on a floor by the scenario's task, such as 1 or 0, or None if no decision is right.
+
+    Args:
+        time_s: if the floor changes, the time of which the truth is asked; by default after all changes.
+    Raises:
+        CodeError: a user's task raised an error, or returned something other than a decision and None.
+    """
+    _, truth = _Question(scenario).judged(floor.at(time_s), floor.at(0.0))
+    return None if math.isnan(truth) else int(truth)
+
+
 def truth_over_time(scenario: Scenario, floor: Floor) -> tuple[Array, Array]:
     """Return from when on which decision is right, (spans,) each: times (s), 0 first, and truths, nan for none.
 
