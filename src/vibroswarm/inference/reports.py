@@ -125,7 +125,7 @@ def reported_at_end(
         places = math.prod(at_end.shape[1:])
         if name in ESTIMATE or places > MOST_PLACES:
             continue
-        known = np.where(has_sampled[:, None], at_end.reshape(-1, places).astype(np.float64), np.nan)
+        known = np.where(has_sampled[:, None], at_end.reshape(len(at_end), places).astype(np.float64), np.nan)
         values = known.reshape(len(runs), scenario.swarm.robots, places)
         error = np.abs(values - asked[:, None, None]) if one.estimates else np.full_like(values, np.nan)
         columns = {
