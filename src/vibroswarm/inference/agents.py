@@ -239,10 +239,15 @@ def sizes_of(scenario: Scenario) -> dict[str, int]:
 
     The sizes of a strategy's or network's arrays are formulas of these numbers.
     """
-    rows, columns = geometry_of(scenario)[:2]
-    robots = scenario.swarm.robots
-    grid = {"rows": int(rows), "columns": int(columns), "tiles": int(rows * columns)}
-    return {"robots": robots, "kinds": scenario.sensor.kinds, "readings": scenario.sensor.readings, **grid}
+    rows, columns = map(int, geometry_of(scenario)[:2])
+    return {
+        "robots": scenario.swarm.robots,
+        "kinds": scenario.sensor.kinds,
+        "readings": scenario.sensor.readings,
+        "rows": rows,
+        "columns": columns,
+        "tiles": rows * columns,
+    }
 
 
 @inlined
