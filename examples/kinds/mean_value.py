@@ -70,7 +70,6 @@ def decision(s, a, p, w):
 level = strategy_in(
     __name__,
     "level",
-    reads_details=True,
     bytes_on_air=4,
     reports=("estimate", "estimate_spread"),
     about="mean of the values measured, with its spread",

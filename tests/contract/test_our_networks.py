@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from helpers.plain_reference import equals_plain
 from vibroswarm import networks
 from vibroswarm.analysis.message_log import LOST, OWN, MessageLog, message_log
-from vibroswarm.inference.agents import send_draws
+from vibroswarm.core.rng import ALONE, NETWORK
 from vibroswarm.motion.pose import pose
 from vibroswarm.networks import tree
 from vibroswarm.networks.loss_by_size import share_lost
@@ -22,6 +22,7 @@ from vibroswarm.paper.columns import published
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
+from vibroswarm.strategies.world import Draws
 
 BASE = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 20})
 TABLES = ("inference", "robots", "runs")
@@ -234,7 +235,7 @@ def test_bursts_last_as_long_as_they_should() -> None:
     assert bursts.send is not None
     gaps, lost = np.tile([1, 1, 2, 6], 50), []
     for number, tick in enumerate(np.cumsum(gaps)):
-        arrival, d = np.full(400, -1), send_draws(1, 0, 0, number)
+        arrival, d = np.full(400, -1), Draws(1, 0, 0, NETWORK, number, ALONE, 0, -1.0)
         bursts.send(None, a, 0, tick, number, 2, None, None, arrival, d, p, SimpleNamespace(tick_s=0.02))
         assert np.isin(arrival, (-1, tick + 1)).all()
         lost.append(arrival < 0)
@@ -279,7 +280,7 @@ def test_who_finds_a_node_busy_waits_or_loses_the_message() -> None:
     tree_ = networks.known()["tree"]
     p = tree_.params(message_bytes=24, log_bytes=30, frame_ms=10.0, retry_ms=20.0)
     a = SimpleNamespace(**tree_.arrays_of(p, {"robots": 3}))
-    half_a_tick = send_draws(1, 0, 0, 0)._replace(first=0.5)
+    half_a_tick = Draws(1, 0, 0, NETWORK, 0, ALONE, 0, 0.5)
 
     def sent(sender: int, tick: int) -> list[int]:
         arrival, w = np.full(3, -1), SimpleNamespace(robots=3, tick_ms=20)

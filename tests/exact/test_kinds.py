@@ -26,8 +26,7 @@ from vibroswarm.robot.most_common import most_common_belief
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import SensorModel
 from vibroswarm.sensors import sensor as sensor_of
-from vibroswarm.strategies.drawn_kind import drawn_kind
-from vibroswarm.strategies.kind_belief import least_belief, most_belief
+from vibroswarm.strategies.kinds import drawn_kind, least_belief, most_belief
 from vibroswarm.tasks import Asked, task
 
 PAPER = preset("paper")

@@ -76,7 +76,7 @@ def _two_numbers() -> Iterator[None]:
     strategies.register(
         Strategy(
             name="weighs", params=WeighsParams, state=WeighsState, begin=begin, on_message=on_message,
-            on_sample=on_sample, decision=decision, reads_details=True, reports=("total",),
+            on_sample=on_sample, decision=decision, reports=("total",),
         )
     )  # fmt: skip
     yield

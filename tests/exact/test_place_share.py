@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.special import expit
 from scipy.stats import betabinom, norm
 
-from vibroswarm.strategies.place_share import (
+from vibroswarm.strategies.place_map import (
     count_posterior,
     learn_share,
     prior_shape,

@@ -14,12 +14,10 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betainc
 
-from vibroswarm.errors import InputError
 from vibroswarm.robot.belief import belief_below
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import none, positive, soft
-from vibroswarm.strategies.base import row_type
 from vibroswarm.strategies.bayes import (
     GATE_OWN,
     GATE_RECEIVED,
@@ -269,14 +267,3 @@ def test_soft_feedback_without_weight_is_no_feedback_bit_for_bit() -> None:
     assert replayed(strategy__name="soft", strategy__soft__eta=1e12).equals(without)
     # Negative control: with a weight the tables differ.
     assert not replayed(strategy__name="soft", strategy__soft__eta=10.0).equals(without)
-
-
-@pytest.mark.parametrize("name", ["mean", "size", "sum", "T"])
-def test_a_field_cannot_have_the_name_of_a_method_of_numpys_rows(name: str) -> None:
-    """Plain Python would find the method, compiled code the field."""
-    state = type("State", (), {"__annotations__": {name: int}})
-    with pytest.raises(InputError, match=f"'{name}' is an attribute of NumPy's records"):
-        row_type(state, "state")
-    assert row_type(type("State", (), {"__annotations__": {f"{name}_1": int}}), "state").names == (
-        f"{name}_1",
-    )

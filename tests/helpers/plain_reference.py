@@ -39,7 +39,7 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import Strategy
 from vibroswarm.strategies.base import arrays_of
-from vibroswarm.strategies.world import DetailedReading, Draws, Reading, World
+from vibroswarm.strategies.world import Draws, Reading, World
 
 PEER_BITS: Final = 16
 """Bits of an address that hold the number of another robot."""
@@ -360,15 +360,13 @@ class _Plain:
         row, number = self.samples.row(k, named=True), robot.samples
         out = _new_row(self.strategy.message_type)
         draws = self.draws(robot.number, Purpose.MESSAGE, number)
-        x: Any = Reading(
+        value, log_ratio = self.weighed[k]
+        x = Reading(
             reading=self.observation[k], t_s=row["time_s"], number=number,
             x_m=row["x_m"], y_m=row["y_m"], heading_rad=row["heading_rad"], spread_m=0.0,
             lagged_number=number, lagged_x_m=row["x_m"], lagged_y_m=row["y_m"],
-            lagged_spread_x_m=0.0, lagged_spread_y_m=0.0,
+            lagged_spread_x_m=0.0, lagged_spread_y_m=0.0, log_ratio=log_ratio, value=value,
         )  # fmt: skip
-        if self.strategy.reads_details:
-            value, log_ratio = self.weighed[k]
-            x = DetailedReading(**x._asdict(), log_ratio=log_ratio, value=value)
         sends = self.strategy.on_sample(robot.state, robot.arrays, x, out, draws, self.params, robot.world)
         robot.samples += 1
         self.ask(robot, tick, row["time_s"])

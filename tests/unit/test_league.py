@@ -299,7 +299,7 @@ def test_a_league_of_three_kinds_gives_each_kind_each_share() -> None:
     for shares in ((0.4, 0.6), (0.4, 0.4, 0.2)):
         with pytest.raises(InputError, match="three shares or more that differ"):
             floors_of_kinds(shares)
-    assert default_strategies(3) == ["dirichlet", "averaging", "dirichlet_positive", "dirichlet_soft"]
+    assert default_strategies(3) == ["dirichlet", "dirichlet_positive", "dirichlet_soft", "averaging"]
     base = preset("paper").with_values(
         {
             "sensor.model": "confusion",

@@ -208,6 +208,5 @@ asdf = strategy_in(
     "asdf",
     bytes_on_air=9,
     reports=ESTIMATE,
-    told=("accuracy",),
     about="ASDF: MCP, and a robot corrects its assumed accuracy by the estimates of others",
 )

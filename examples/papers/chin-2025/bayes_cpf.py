@@ -189,6 +189,5 @@ bayes_cpf = strategy_in(
     "bayes_cpf",
     bytes_on_air=9,
     reports=ESTIMATE,
-    told=("accuracy", "its drift"),
     about="BayesCPF: MCP, and a robot tracks the accuracy of its sensor",
 )

@@ -142,7 +142,7 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     size = (scenario.arena.width_m, scenario.arena.height_m)
     fill, tiled = floor.fill_ratio_within(*size), tiled_share(floor.geometry, size)
     boundary, tested = scenario.decision.decision_boundary, readings_boundary(scenario)
-    truth = truth_on(scenario, floor, fill)
+    truth = truth_on(scenario, floor)
     when = "Floor at the end: " if scenario.change.is_given else ""
     if max(sensor.kinds, sensor.readings) > 2:
         of_kinds = _of_kinds(scenario, floor, truth, fill, error)

@@ -47,7 +47,7 @@ from vibroswarm.inference.agents import Swarm
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.outcomes import fills_and_truth
 from vibroswarm.inference.replay import classes_and_values, replay_to_end
-from vibroswarm.inference.robot_maps import beliefs_of
+from vibroswarm.inference.reports import beliefs_of
 from vibroswarm.localisation.locate import estimates_key
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.result import Result

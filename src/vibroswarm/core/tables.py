@@ -21,16 +21,6 @@ from vibroswarm.errors import InputError
 MAX_BYTES: Final = 64 * 2**30
 """Size limit of a table's file."""
 
-_COUNT: Final = (0.0, float(2**32 - 1))
-_SHARE: Final = (0.0, 1.0)
-ALLOWED: Final = {
-    **dict.fromkeys(("alpha", "beta", "messages_received"), _COUNT),
-    **dict.fromkeys(("belief_below", "belief_at_decision", "message"), _SHARE),
-    "estimate": (-1e300, 1e300),
-    "estimate_spread": (0.0, 1e300),
-}
-"""Least and greatest value of what a user's strategy gives, by column."""
-
 
 @dataclass(frozen=True)
 class Schema:

@@ -30,7 +30,7 @@ def errors_in(code: str, otherwise: str = "") -> Iterator[None]:
         code: ``FILE.py:NAME``, with or without its folder; empty for code of this package, whose errors pass unchanged.
         otherwise: the place that is named if no line of the file was being run; empty: the file.
     Raises:
-        CodeError: the file raised an error.
+        InputError: Numba cannot compile a function. CodeError: the file raised another error.
     """
     thread = threading.get_ident()
     _running.append(thread)
@@ -45,7 +45,9 @@ def errors_in(code: str, otherwise: str = "") -> Iterator[None]:
         frames = traceback.extract_tb(error.__traceback__)
         lines = [line for line in frames if file in (line.filename, Path(line.filename).name)]
         place = f"{file}, line {lines[-1].lineno}, in {lines[-1].name}" if lines else otherwise or file
-        raise CodeError(f"{place}: {type(error).__name__}: {error}") from None
+        does_not_compile = type(error).__module__.startswith("numba.")
+        kind = InputError if does_not_compile else CodeError
+        raise kind(f"{place}: {type(error).__name__}: {error}") from None
     finally:
         _running.remove(thread)
 

@@ -55,7 +55,7 @@ MODES: Final = {"DRIVE": DRIVE, "TURN": TURN, "AVOID": AVOID, "STOP": STOP}
 """Constants of the program that have names in C: what a robot does."""
 PACKET_VERSION: Final = 1
 """Version of the layout of packets."""
-PLAIN_ROWS: Final = (Reading, Draws, WalkProgram, WalkState, Dice, SenseProgram, SenseState)
+PLAIN_ROWS: Final = (Draws, WalkProgram, WalkState, Dice, SenseProgram, SenseState)
 """Classes of rows of numbers."""
 NUMBERS: Final = {"int": INT, "float": REAL, "bool": BOOL}
 """Types of numbers in C by annotations, which are texts."""
@@ -178,6 +178,7 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
     strategy, world = parts.strategy, parts.world
     found = {
         "World": struct_of_class("vs_World", World, omitted=omitted_of_world(strategy), like=world),
+        "Reading": struct_of_class("vs_Reading", Reading, omitted=("log_ratio", "value")),
         **{kind.__name__: struct_of_class(f"vs_{kind.__name__}", kind) for kind in PLAIN_ROWS},
         "Params": struct_of_row("vs_Params", {k: type(v) for k, v in parts.params.items()}, mutable=False),
         "State": struct_of_row("vs_State", fields_of(strategy.state)),

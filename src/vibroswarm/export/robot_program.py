@@ -243,7 +243,7 @@ def sample(r: Robot, reading: int) -> None:
     t_s, k = time_s(r), r.samples
     unknown = Reading(
         reading, t_s, k, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M, k, UNKNOWN_M, UNKNOWN_M, UNKNOWN_M,
-        UNKNOWN_M,
+        UNKNOWN_M, UNKNOWN_M, UNKNOWN_M,
     )  # fmt: skip
     process(r, unknown, k)
     r.samples += 1

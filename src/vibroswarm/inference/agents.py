@@ -6,7 +6,6 @@ kernels. A robot's "events" are its own samples and timers.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -14,22 +13,17 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inlined, zero_rows
-from vibroswarm.core.numbers import stated
 from vibroswarm.core.rng import (
     ALONE,
     BEGINNING,
     FIRST,
     HEARING,
-    LOSS,
     MESSAGE,
-    NETWORK,
-    STEERING,
     TIMER,
 )
-from vibroswarm.core.tables import ALLOWED
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.errors import CodeError
 from vibroswarm.inference.generated_kernels import arrays_for
+from vibroswarm.inference.outcomes import as_series
 from vibroswarm.networks.base import Network
 from vibroswarm.observation.decision_boundary import geometry_of, grid_of, readings_boundary
 from vibroswarm.observation.energy_model import claimed_error_rates, claimed_rates
@@ -220,14 +214,12 @@ def set_failures(swarm: Swarm, scenario: Scenario, seed: int, runs: NDArray[np.i
     """
     if not scenario.faults.kinds:
         return
-    run_numbers: list[int] = runs.tolist()
-    # (runs, robots) each. Times are infinite for robots without the fault.
-    opposite_from_s = onset_s(scenario, seed, run_numbers, "opposite")
-    opinion_counts = working(scenario, seed, run_numbers)  # True for robots without any fault
+    numbers: list[int] = runs.tolist()
+    opinion_counts = working(scenario, seed, numbers)  # True for robots without any fault
     # If each robot of a run has a fault, all opinions count.
     opinion_counts[~opinion_counts.any(axis=1)] = True
-    swarm.failures["opposite_from_s"] = opposite_from_s.ravel()
-    swarm.failures["silent_tick"] = silent_ticks(scenario, seed, run_numbers).ravel()
+    swarm.failures["opposite_from_s"] = onset_s(scenario, seed, numbers, "opposite").ravel()
+    swarm.failures["silent_tick"] = silent_ticks(scenario, seed, numbers).ravel()
     swarm.failures["works"] = opinion_counts.ravel()
 
 
@@ -247,10 +239,15 @@ def sizes_of(scenario: Scenario) -> dict[str, int]:
 
     The sizes of a strategy's or network's arrays are formulas of these numbers.
     """
-    rows, columns = geometry_of(scenario)[:2]
-    robots = scenario.swarm.robots
-    grid = {"rows": int(rows), "columns": int(columns), "tiles": int(rows * columns)}
-    return {"robots": robots, "kinds": scenario.sensor.kinds, "readings": scenario.sensor.readings, **grid}
+    rows, columns = map(int, geometry_of(scenario)[:2])
+    return {
+        "robots": scenario.swarm.robots,
+        "kinds": scenario.sensor.kinds,
+        "readings": scenario.sensor.readings,
+        "rows": rows,
+        "columns": columns,
+        "tiles": rows * columns,
+    }
 
 
 @inlined
@@ -303,24 +300,6 @@ def timer_draws(seed: int, run: int, i: int, number: int) -> Draws:
     return Draws(seed, run, i, TIMER, number, ALONE, 0, -1.0)
 
 
-@inlined
-def steering_draws(seed: int, run: int, i: int, number: int) -> Draws:
-    """Return the address of the random numbers of ``steer``; ``number`` is the index of the robot's sample."""
-    return Draws(seed, run, i, STEERING, number, ALONE, 0, -1.0)
-
-
-@inlined
-def loss_draws(seed: int, run: int, receiver: int, sender: int, number: int) -> Draws:
-    """Return the address of the random numbers of ``lost``; ``number`` counts the sender's messages from 0."""
-    return Draws(seed, run, receiver, LOSS, number, sender, 16, -1.0)
-
-
-@inlined
-def send_draws(seed: int, run: int, sender: int, number: int) -> Draws:
-    """Return the address of the random numbers of ``send``; ``number`` counts the sender's messages from 0."""
-    return Draws(seed, run, sender, NETWORK, number, ALONE, 0, -1.0)
-
-
 def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
     """Return the final state of each robot as columns by name, (runs * robots,) each.
 
@@ -333,26 +312,22 @@ def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
     # A strategy may return to -1 after a decision; ``decided_s`` and ``belief_at_decision`` are then those of that
     # change.
     decided = agents["decision"] != -1
-    counts = dict(zip(("alpha", "beta"), _counts_of(states), strict=True))
-    refuse_values(scenario, counts)
+    alpha, beta = _counts_of(states)
     used = strategy_used(scenario)
     posterior = posterior_of(scenario, swarm, used)
     estimate, spread = estimate_of(*posterior), spread_of(*posterior)
     if used.has_own_estimate:
         estimate, spread = states["estimate"].copy(), states["estimate_spread"].copy()
-    claimed = {
+    return {
+        "decision": agents["decision"].astype(np.int8),
+        "decision_time_s": np.where(decided, agents["decided_s"], np.nan),
         # A copy, as all other columns are: ``swarm`` is overwritten by the next replay.
         "belief_at_decision": agents["belief_at_decision"].copy(),
         "belief_below": np.where(decided, agents["belief_at_decision"], agents["belief"]),
         "estimate": estimate,
         "estimate_spread": spread,
-    }
-    refuse_values(scenario, claimed)
-    return {
-        "decision": agents["decision"].astype(np.int8),
-        "decision_time_s": np.where(decided, agents["decided_s"], np.nan),
-        **claimed,
-        **counts,
+        "alpha": alpha,
+        "beta": beta,
         "samples": agents["samples"].astype(np.uint32),
         "sent": agents["sent"].astype(np.uint32),
         "messages_received": agents["received"].astype(np.uint32),
@@ -383,25 +358,6 @@ def _counts_of(states: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[n
     return alpha, beta
 
 
-def refuse_values(scenario: Scenario, values: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse values that a user's strategy gave and a table cannot hold (``core.tables.ALLOWED``); nan is no value.
-
-    Args:
-        values: by the name of their column.
-    Raises:
-        CodeError: a value is out of range.
-    """
-    for name, column in values.items():
-        low, high = ALLOWED[name]
-        wrong = (column < low) | (column > high)
-        if wrong.any():
-            value = f"{column[wrong][0]}".removesuffix(".0")  # all digits, so that a rounding error shows
-            raise CodeError(
-                f"strategy '{scenario.strategy.name}': {name} is {value}; it has to be from {stated(low)} to "
-                f"{stated(high)}"
-            )
-
-
 def final_frame(scenario: Scenario, ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
     """Return the final state of each robot as a table: the columns of ``FINALS``, and ``sent``.
 
@@ -410,7 +366,7 @@ def final_frame(scenario: Scenario, ends: pl.DataFrame, swarm: Swarm) -> pl.Data
     """
     kinds = {**FINALS, "sent": pl.UInt32}
     columns = final_columns(scenario, swarm).items()
-    series = [as_column(name, column, kinds[name]) for name, column in columns]
+    series = [as_series(name, column, kinds[name]) for name, column in columns]
     return pl.DataFrame([ends["run"], ends["robot"], *series])
 
 
@@ -426,19 +382,3 @@ def spread_of(alpha: NDArray[Any], beta: NDArray[Any]) -> NDArray[np.float64]:
     """Return the posterior standard deviation of the fill ratio, element by element (Eq. 17); nan as there."""
     mean, total = estimate_of(alpha, beta), alpha + beta.astype(np.float64)
     return np.asarray(np.sqrt(mean * (1.0 - mean) / (total + 1.0)))
-
-
-def as_column(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
-    """Convert an array to a column of a table of type ``kind``, with null in place of nan.
-
-    Integers may be given as floats, in which nan marks missing ones. They are converted here and not by a polars
-    ``cast``, because that uses threads, which a forked process lacks.
-    """
-    if values.dtype == np.float64 and kind != pl.Float64:
-        missing = np.isnan(values)
-        values = np.where(missing, 0.0, values).astype(np.int64)
-        if missing.any():
-            numbers = values.astype(object)
-            numbers[missing] = None
-            return pl.Series(name, numbers.tolist(), dtype=kind)
-    return pl.Series(name, values, dtype=kind, nan_to_null=values.dtype == np.float64)

@@ -63,9 +63,10 @@ class Timeline:
         # known: tick at which each run ends; empty if there are no runs.
         end_tick = np.rint(self.ends["end_s"].to_numpy() * per_s).astype(np.int64)
         known = end_tick.reshape(-1, self.robots).max(axis=1) if end_tick.size else end_tick
-        # A message is read one tick after it was sent, so a robot last walked one tick after the last tick whose
-        # messages it has read.
-        walked = last_read_ticks(self.ends, self.tick_ms) + 1
+        # A robot walks until the tick before its end or, if it stands at the end, the tick before its stop began.
+        stop_start_s, end_s = self.ends["stop_start_s"].to_numpy(), self.ends["end_s"].to_numpy()
+        standing_since_s = np.where(np.isnan(stop_start_s), end_s, stop_start_s)
+        walked = np.rint(standing_since_s * per_s).astype(np.int64) - 1
         return Stops(
             tick=read_only(tick),
             stop_tick=read_only(stop_tick),
@@ -133,15 +134,12 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
     Args:
         motion: the tables of a motion; or its timeline, which is returned unchanged.
     Raises:
-        ValueError: the number of rows of the table of ends is not a multiple of the number of robots, or a sample's
-            robot does not exist.
+        ValueError: a sample's robot does not exist.
     """
     if isinstance(motion, Timeline):
         return motion
     tick_ms, robots = scenario.run.control_period_ms, scenario.swarm.robots
     samples, ends = motion.samples, motion.ends
-    if ends.height % robots:
-        raise ValueError(f"the table of ends has {ends.height} rows, not {robots} (robots) for each run")
     highest = int(samples["robot"].to_numpy().max(initial=0))
     if highest >= robots:
         raise ValueError(f"samples name robot {highest}; there are {robots} robots, numbered from 0")
@@ -149,17 +147,16 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
     bounds = np.append(np.searchsorted(samples["run"].to_numpy(), runs), samples.height)
     names = ("robot", "sample", "time_s", "stop_start_s", "x_m", "y_m", "heading_rad")
     column = {name: read_only(samples[name].to_numpy()) for name in names}
-    of_rows = (
-        bounds,
-        runs.astype(np.int64),
-        column["robot"],
-        column["sample"],
-        column["time_s"],
-    )
     return Timeline(
         samples=pl.DataFrame([samples[name] for name in ("run", "robot", "sample")]),
         ends=ends,
-        rows=Rows(*(read_only(array) for array in of_rows)),
+        rows=Rows(
+            bounds=read_only(bounds),
+            runs=read_only(runs.astype(np.int64)),
+            robot=column["robot"],
+            sample=column["sample"],
+            time_s=column["time_s"],
+        ),
         robots=robots,
         tick_ms=tick_ms,
         stop_start_s=column["stop_start_s"],
@@ -168,18 +165,6 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
         heading_rad=column["heading_rad"],
         moves=motion.moves,
     )
-
-
-def last_read_ticks(ends: pl.DataFrame, tick_ms: int) -> NDArray[np.int64]:
-    """Return, for each robot, the tick up to which it has read all messages when its run ends, (runs * robots,).
-
-    A robot reads until the tick at which it last walked: the tick before the end or, if it stands at the end, the tick
-    before its stop began. A message is read one tick after it is sent, at the earliest. So the robot has read all
-    messages sent up to 2 ticks before the end or its stop.
-    """
-    stop_start_s, end_s = ends["stop_start_s"].to_numpy(), ends["end_s"].to_numpy()
-    standing_since_s = np.where(np.isnan(stop_start_s), end_s, stop_start_s)
-    return np.rint(standing_since_s * (1000.0 / tick_ms)).astype(np.int64) - 2
 
 
 @kernel

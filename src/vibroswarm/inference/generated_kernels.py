@@ -23,24 +23,19 @@ import numpy as np
 
 from vibroswarm.core.jit import generated, inlined_uncached
 from vibroswarm.core.user_code import globals_of, is_known, users_text
-from vibroswarm.errors import InputError
 from vibroswarm.inference import default_hooks
-from vibroswarm.inference.replay_arrays import detailed_reading, own_reading
 from vibroswarm.networks.base import Network
 from vibroswarm.strategies.base import Strategy, arrays_of
-from vibroswarm.strategies.static_analysis import NETWORK_HOOKS, PARAMETERS, STRATEGY_HOOKS, is_shipped
+from vibroswarm.strategies.static_analysis import NETWORK_HOOKS, PARAMETERS, STRATEGY_HOOKS
 from vibroswarm.strategies.world import u
 
 TEMPLATE: Final = Path(__file__).with_name("replay_messages.py")
 """Source of the kernel."""
 IMPORT: Final = re.compile(r"from vibroswarm\.inference\.default_hooks import \([^)]*\)")
 """Text of the template that is replaced."""
-STRATEGIES: Final = "vibroswarm.strategies."
-"""Functions of these modules may be called by any strategy."""
 HEADER: Final = """from typing import NamedTuple
 
 from vibroswarm.core.jit import inlined_uncached
-from vibroswarm.errors import CodeError
 
 """
 """Beginning of the generated text."""
@@ -56,14 +51,6 @@ def {head}:
     {body}
 """
 """Text of a function that only accesses fields and arrays by their declared names."""
-TRUTH: Final = """found = own_{hook}({arguments})
-    if found != 0 and found != 1:
-        raise CodeError("{kind} '{name}': {hook} returned neither True nor False")
-    return found != 0"""
-"""Body of a hook that calls a user's and refuses what is no truth value: a probability would count as True."""
-TRUTHS: Final = ("on_sample", "on_timer", "lost")
-"""Hooks that return a truth value."""
-
 _building = RLock()
 """Held while a module is made: of two threads, the second would take one that is not filled yet."""
 
@@ -113,25 +100,18 @@ def kernels(strategy: Strategy, network: Network) -> ModuleType:
 
 @cache
 def _built(strategy: Strategy, network: Network) -> ModuleType:
-    own = _own_hooks(strategy, network)
+    hooks = {name: getattr(strategy, name) for name in STRATEGY_HOOKS}
+    hooks |= {name: getattr(network, name) for name in NETWORK_HOOKS}
+    own = {name: hook for name, hook in hooks.items() if hook is not None}
     text = IMPORT.sub(lambda _: _text(strategy, network, own), TEMPLATE.read_text(encoding="utf-8"))
     used = users_text(*own.values())
     key = uuid4().hex if used is None else sha256(f"{text}\0{used}".encode()).hexdigest()[:16]
     name = f"vibroswarm_generated_{strategy.name}_{network.name}_{key}"
     module, compiled = generated(name, text, is_saved=used is not None), dict[Callable[..., Any], Any]()
-    vars(module)["reading_of"] = detailed_reading if strategy.reads_details else own_reading
     for hook in PARAMETERS:
-        place = f"own_{hook}" if f"own_{hook}(" in text else hook
-        if place not in vars(module):  # else it is generated
-            vars(module)[place] = compiled_hook(own.get(hook) or getattr(default_hooks, hook), compiled)
+        if hook not in vars(module):  # else it is generated
+            vars(module)[hook] = compiled_hook(own.get(hook) or getattr(default_hooks, hook), compiled)
     return module
-
-
-def _own_hooks(strategy: Strategy, network: Network) -> dict[str, Callable[..., Any]]:
-    """Return the functions of a strategy and a network, by the names of their hooks."""
-    names = [(strategy, name) for name in STRATEGY_HOOKS] + [(network, name) for name in NETWORK_HOOKS]
-    hooks = {name: getattr(declared, name) for declared, name in names}
-    return {name: hook for name, hook in hooks.items() if hook is not None}
 
 
 def _text(strategy: Strategy, network: Network, own: Mapping[str, Callable[..., Any]]) -> str:
@@ -163,12 +143,6 @@ def _text(strategy: Strategy, network: Network, own: Mapping[str, Callable[..., 
     if "on_message" not in own and "on_counts" in own:
         # Pass a single message to ``on_counts``, as a count of one.
         hooks["on_message(s, a, m, sender, t_s, d, p, w)"] = "on_counts(s, m.bit, 1 - m.bit, p, w)"
-    for hook in TRUTHS:
-        if not is_shipped(own.get(hook)):
-            declared, arguments = network if hook in NETWORK_HOOKS else strategy, ", ".join(PARAMETERS[hook])
-            hooks[f"{hook}({arguments})"] = TRUTH.format(
-                hook=hook, arguments=arguments, kind=type(declared).__name__.lower(), name=declared.name
-            )
     given = {
         name: "\n".join(f"    {each}: Any" for each in of_class)
         for name, of_class in classes.items()
@@ -184,48 +158,39 @@ def _text(strategy: Strategy, network: Network, own: Mapping[str, Callable[..., 
     )
 
 
-def _is_hook_code(function: FunctionType, module: str) -> bool:
-    """Return whether it belongs to the hook's own module, to ``vibroswarm.strategies`` or to a module of users."""
-    name = function.__module__
-    return name == module or str(name).startswith(STRATEGIES) or not is_known(name)
-
-
 def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any], Any]) -> Any:
     """Compile a function for use in a kernel, with the Python functions that it calls; return the compiled form.
 
-    The function itself is not changed. If it calls functions for which ``_is_hook_code`` is true, what is compiled is a
-    copy, in whose globals they are replaced by their compiled forms. Any other function that it calls stays as it is,
-    and the kernel compiles only if Numba can compile a call of it.
+    What is compiled is a copy, in whose globals the functions that it calls are replaced by their compiled forms, if
+    they are of the same module, of ``vibroswarm.strategies`` or of a module of users. Any other function stays as it
+    is, and the kernel compiles only if Numba can compile a call of it.
 
     Args:
         function: a Python function; a function that is compiled already is returned as it is.
-        compiled: compiled forms of functions so far, extended. None in place of a form marks a function that is being
-            compiled, so that a function that calls itself is detected.
-    Raises:
-        InputError: a function calls itself, directly or indirectly.
+        compiled: compiled forms of functions so far, extended.
     """
     if not isinstance(function, FunctionType):
         return function  # compiled already
-    if function in compiled:
-        if compiled[function] is None:
-            raise InputError(
-                f"{function.__name__} calls itself, which a robot's program may not", field="strategy"
-            )
-        return compiled[function]
-    compiled[function] = None  # being compiled
-    called = {
-        name: compiled_hook(value, compiled)
-        for name, value in globals_of(function).items()
-        if isinstance(value, FunctionType) and _is_hook_code(value, function.__module__)
-    }
-    rebound = function  # what is compiled: the function itself, or its copy with other globals
-    if called:
-        space = {**function.__globals__, **called}
-        rebound = FunctionType(
-            function.__code__, space, function.__name__, function.__defaults__, function.__closure__
+    if function not in compiled:
+        module = str(function.__module__)
+        called = {
+            name: compiled_hook(value, compiled)
+            for name, value in globals_of(function).items()
+            if isinstance(value, FunctionType)
+            and (value.__module__ == module or is_hook_code(str(value.__module__)))
+        }
+        copy = FunctionType(
+            function.__code__,
+            {**function.__globals__, **called},
+            function.__name__,
+            function.__defaults__,
+            function.__closure__,
         )
-        rebound.__module__, rebound.__qualname__ = function.__module__, function.__qualname__
-    compiled[function] = inlined_uncached(
-        rebound, boundscheck=not str(function.__module__).startswith("vibroswarm.")
-    )
+        copy.__module__, copy.__qualname__ = module, function.__qualname__
+        compiled[function] = inlined_uncached(copy, boundscheck=not module.startswith("vibroswarm."))
     return compiled[function]
+
+
+def is_hook_code(module: str) -> bool:
+    """Return whether functions of a module may be called by any strategy."""
+    return module.startswith("vibroswarm.strategies.") or not is_known(module)

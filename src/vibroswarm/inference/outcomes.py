@@ -96,20 +96,6 @@ HALF: Final = 0.5
 # Floors and truth
 
 
-def truth_on(
-    scenario: Scenario, floor: Floor, fill_ratio: float | None = None, *, time_s: float = math.inf
-) -> int | None:
-    """Return the right decision on a floor by the scenario's task, such as 1 or 0, or None if no decision is right.
-
-    Args:
-        fill_ratio: fill ratio of the floor inside the arena; None: it is computed. time_s: if the floor changes, the
-            time of which the truth is asked; by default after all changes.
-    Raises:
-        CodeError: a user's task raised an error, or returned something other than a decision and None.
-    """
-    return _Question(scenario).answer(floor.at(time_s), floor.at(0.0), fill_ratio)
-
-
 class _Question:
     """What a scenario asks about floors, read from it once: its sections are looked up slowly.
 
@@ -129,19 +115,14 @@ class _Question:
             kinds=scenario.sensor.kinds,
         )
 
-    def asked(self, floor: Floor, start: Floor, fill_ratio: float | None = None) -> Asked:
-        """Return what the task may need beside the floor, whose fill ratio is computed if it is None.
+    def asked(self, floor: Floor, start: Floor) -> Asked:
+        """Return what the task may need beside the floor.
 
         Args:
             start: the floor at time 0.
         """
-        if fill_ratio is None:
-            fill_ratio = floor.fill_ratio_within(self._asked.width_m, self._asked.height_m)
+        fill_ratio = floor.fill_ratio_within(self._asked.width_m, self._asked.height_m)
         return self._asked._replace(fill_ratio=fill_ratio, start=start)
-
-    def answer(self, floor: Floor, start: Floor, fill_ratio: float | None = None) -> int | None:
-        """Return the right decision on a floor, or None; arguments are those of ``asked``."""
-        return self.task.answer(floor, self.asked(floor, start, fill_ratio), self.params)
 
     def judged(self, now: Floor, start: Floor) -> tuple[float, float]:
         """Return the number against which estimates are scored, and the right decision, nan for none.
@@ -154,6 +135,18 @@ class _Question:
         is_scored = bool(self.task.estimated) or self.task.scored is not None
         number = self.task.number(now, asked, self.params) if is_scored else asked.fill_ratio
         return number, math.nan if answer is None else float(answer)
+
+
+def truth_on(scenario: Scenario, floor: Floor, *, time_s: float = math.inf) -> int | None:
+    """Return the right decision on a floor by the scenario's task, such as 1 or 0, or None if no decision is right.
+
+    Args:
+        time_s: if the floor changes, the time of which the truth is asked; by default after all changes.
+    Raises:
+        CodeError: a user's task raised an error, or returned something other than a decision and None.
+    """
+    _, truth = _Question(scenario).judged(floor.at(time_s), floor.at(0.0))
+    return None if math.isnan(truth) else int(truth)
 
 
 def truth_over_time(scenario: Scenario, floor: Floor) -> tuple[Array, Array]:
@@ -296,16 +289,7 @@ def forced_errors(
             no such answer.
     Returns: errors in the broadcast shape of the arguments; nan where the truth is nan.
     """
-    if costs is not None:
-        return _forced_costs(decision, belief_in_truth, truth, costs)
-    doubt = np.where(np.isnan(belief_in_truth), HALF, 1.0 - belief_in_truth)
-    leaning = np.where(doubt > HALF, 1.0, np.where(doubt < HALF, 0.0, HALF))
-    errors = np.where(decision == -1, leaning, decision != truth)
-    return np.where(np.isnan(truth), np.nan, errors)
-
-
-def _forced_costs(decision: NDArray[np.integer], belief_in_truth: Array, truth: Array, costs: Array) -> Array:
-    """Return what the mistakes of robots cost, as ``forced_errors`` does."""
+    costs = 1.0 - np.eye(2) if costs is None else costs
     row = np.where(np.isnan(truth), 0, truth).astype(np.intp)
     of_truth = np.take_along_axis(
         np.broadcast_to(costs, (*row.shape, *costs.shape[-2:])), row[..., None, None], -2
@@ -380,13 +364,24 @@ def outcome_tables(
 
     Args:
         floors: the floor of each run, by run number.
-        finals: table of the final state of each robot (``inference.agents.FINALS``), run by run.
+        finals: table of the final state of each robot (``inference.agents.FINALS``), run by run; ``sent`` as in
+            ``robot_columns``.
         ends: the motion's table of ends, with a row for the same run and robot as each row of ``finals``.
     """
-    robots = scenario.swarm.robots
-    end_s = ends["end_s"].to_numpy().reshape(-1, robots).max(axis=1)
-    fills, truth = fills_and_truth(scenario, floors, finals["run"].to_list()[::robots], end_s)
-    return robot_table(finals, truth), run_table(finals, fills, truth, end_s, scenario.run.t_end_s)
+    by_run = {name: finals[name].to_numpy().reshape(-1, scenario.swarm.robots) for name in finals.columns}
+    end_s = ends["end_s"].to_numpy().reshape(by_run["run"].shape).max(axis=1)
+    run = by_run["run"][:, 0].copy()
+    fills, truth = fills_and_truth(scenario, floors, run.tolist(), end_s)
+    decision, time_s = by_run["decision"], by_run["decision_time_s"]
+    of_robots = robot_columns(by_run, truth)
+    of_runs = run_columns(decision, time_s, fills, truth, end_s, scenario.run.t_end_s) | {"run": run}
+    added = {
+        name: as_series(name, of_robots[name].ravel(), ROBOTS[name]) for name in ("belief_in_truth", "sent")
+    }
+    return (
+        pl.DataFrame([added[name] if name in added else finals[name] for name in ROBOTS]),
+        pl.DataFrame([as_series(name, of_runs[name], kind) for name, kind in RUNS.items()]),
+    )
 
 
 def with_shares(robots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
@@ -401,45 +396,6 @@ def with_shares(robots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
     }
     shares = samples.group_by("run", "robot").agg(**spent)
     return robots.join(shares, on=["run", "robot"], how="left", maintain_order="left")
-
-
-def robot_table(finals: pl.DataFrame, truth: Array) -> pl.DataFrame:
-    """Return the table of robots, one row per run and robot, also for robots that never sampled.
-
-    A robot's decision is its last one; the decision time is the time at which this decision was made.
-
-    Args:
-        finals: table of the final state of each robot, run by run, with the same number of robots in each run. Tables
-            from recordings have no column ``sent`` (number of messages sent): ``samples`` is then taken for it, because
-            robots send one message per sample.
-        truth: the right decision of each run, (runs,).
-    """
-    robots = finals.height // truth.size  # per run
-    # ``robot_columns`` reads these columns, and takes ``samples`` for ``sent`` if the table lacks the latter.
-    read: list[str] = [name for name in ("belief_below", "samples", "sent") if name in finals.columns]
-    by_run = {name: finals[name].to_numpy().reshape(-1, robots) for name in read}
-    computed = robot_columns(by_run, truth)
-    added = {
-        name: as_series(name, computed[name].ravel(), ROBOTS[name]) for name in ("belief_in_truth", "sent")
-    }
-    return pl.DataFrame([added[name] if name in added else finals[name] for name in ROBOTS])
-
-
-def run_table(finals: pl.DataFrame, fills: Array, truth: Array, end_s: Array, t_end_s: float) -> pl.DataFrame:
-    """Return the table of runs.
-
-    Args:
-        finals: table of the final state of each robot, run by run. fills, truth, end_s: (runs,): fill ratio of the
-            floor, truth, and end of each run. t_end_s: end of a run that does not stop early, s.
-    """
-    robots = finals.height // truth.size  # per run
-    decision, time_s = (
-        finals[name].to_numpy().reshape(-1, robots) for name in ("decision", "decision_time_s")
-    )
-    # One entry per run; copied to be contiguous, as every ``robots``-th entry of an array is not.
-    run = {"run": finals["run"].to_numpy()[::robots].copy()}
-    columns = run | run_columns(decision, time_s, fills, truth, end_s, t_end_s)
-    return pl.DataFrame([as_series(name, columns[name], kind) for name, kind in RUNS.items()])
 
 
 def as_series(name: str, values: NDArray[Any], kind: Any) -> pl.Series:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inlined, read_only, signed, zero_rows
-from vibroswarm.strategies.world import DetailedReading, Reading
+from vibroswarm.strategies.world import Reading
 
 DONE: Final = 0
 """Status code: all is replayed."""
@@ -94,36 +94,21 @@ def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Readi
     """
     # A ``Reading`` has, after class, time and number: place, heading and spread now; then number, place and spreads of
     # the lagged sample. The columns of the estimates are in this order.
-    reading, estimates = signed(readings.observation[k]), readings.estimates
+    reading, estimates, weighed = signed(readings.observation[k]), readings.estimates, readings.weighed
+    value = weighed[k, 0] if weighed.shape[0] > 0 else np.nan
+    log_ratio = weighed[k, 1] if weighed.shape[0] > 0 else np.nan
     if estimates.shape[0] > 0:
         return Reading(
             reading, time_s, number, estimates[k, 0], estimates[k, 1], estimates[k, 2], estimates[k, 3],
-            int(estimates[k, 4]), estimates[k, 5], estimates[k, 6], estimates[k, 7], estimates[k, 8],
+            int(estimates[k, 4]), estimates[k, 5], estimates[k, 6], estimates[k, 7], estimates[k, 8], log_ratio, value,
         )  # fmt: skip
     x_m = readings.x_m[k] if readings.x_m.size > 0 else np.nan
     y_m = readings.y_m[k] if readings.y_m.size > 0 else np.nan
     heading_rad = readings.heading_rad[k] if readings.heading_rad.size > 0 else np.nan
     # A robot that knows its place knows it without error, so the "lagged" sample is this one, with spreads 0.
-    return Reading(reading, time_s, number, x_m, y_m, heading_rad, 0.0, number, x_m, y_m, 0.0, 0.0)
-
-
-@inlined
-def detailed_reading(readings: Readings, k: int, time_s: float, number: int) -> DetailedReading:
-    """Return the reading of the sample in row ``k`` as a strategy that ``reads_details`` gets it.
-
-    It has the fields of ``own_reading``, and also the value and its log likelihood ratio (nan if not available).
-
-    Args:
-        time_s: time of the sample. number: index of the sample among the robot's samples.
-    """
-    x = own_reading(readings, k, time_s, number)
-    weighed = readings.weighed
-    value = weighed[k, 0] if weighed.shape[0] > 0 else np.nan
-    log_ratio = weighed[k, 1] if weighed.shape[0] > 0 else np.nan
-    return DetailedReading(
-        x.reading, time_s, number, x.x_m, x.y_m, x.heading_rad, x.spread_m, x.lagged_number, x.lagged_x_m,
-        x.lagged_y_m, x.lagged_spread_x_m, x.lagged_spread_y_m, log_ratio, value,
-    )  # fmt: skip
+    return Reading(
+        reading, time_s, number, x_m, y_m, heading_rad, 0.0, number, x_m, y_m, 0.0, 0.0, log_ratio, value
+    )
 
 
 class Stops(NamedTuple):
@@ -235,15 +220,6 @@ def empty_inbox(robots: int, capacity: int) -> Inbox:
     first, last = (np.full(robots, -1, dtype=np.int64) for _ in range(2))
     free = np.array([-1, 0])  # no entry is free again, and none has been used
     return Inbox(first, last, before, after, message, arrival_tick, free)
-
-
-def start_capacity(robots: int) -> int:
-    """Return the first capacity of an inbox to try, in entries; callers repeat with a larger one if it is too small.
-
-    There is room for one unread message from each robot to each other robot, but not for more than 2^19 (4 arrays of 8
-    bytes each, 16 MiB). The 64 entries more keep the capacity of very small swarms from being almost 0.
-    """
-    return min(robots * robots, 2**19) + 64
 
 
 @inlined

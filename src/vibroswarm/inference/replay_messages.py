@@ -19,15 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inlined, inner, kernel, signed
+from vibroswarm.core.rng import ALONE, LOSS, NETWORK, STEERING
 from vibroswarm.inference.agents import (
     Swarm,
     begin_agent,
     begin_draws,
-    loss_draws,
     message_draws,
     sample_draws,
-    send_draws,
-    steering_draws,
     timer_draws,
     world_of_robot,
 )
@@ -52,7 +50,6 @@ from vibroswarm.inference.default_hooks import (
     on_sample,
     on_timer,
     opposite_of,
-    reading_of,
     send,
     steer,
     views,
@@ -71,11 +68,12 @@ from vibroswarm.inference.replay_arrays import (
     Stops,
     clear_inbox,
     is_decision,
+    own_reading,
     put_message,
     take_first,
 )
 from vibroswarm.inference.sender_positions import positions_at
-from vibroswarm.strategies.world import World
+from vibroswarm.strategies.world import Draws, World
 
 NEVER = 2**62
 """A tick that no run reaches."""
@@ -128,7 +126,9 @@ def read_arrived(
             m = row.heard
             row.heard += 1
             sender, number = buffer.sender[m], buffer.number[m]
-            if sender == i or lost(sender, i, loss_draws(seed, run, i, sender, number), network_params[0], w):
+            if sender == i or lost(
+                sender, i, Draws(seed, run, i, LOSS, number, sender, 16, -1.0), network_params[0], w
+            ):
                 continue
             got += 1
             if COUNTS:
@@ -173,7 +173,7 @@ def send_message(
     row, m = swarm.agents[e], buffer.filled[0]
     buffer.sender[m], buffer.tick[m], buffer.number[m] = i, tick, row.sent
     if HAS_SEND:
-        d = send_draws(seed, run, i, row.sent)
+        d = Draws(seed, run, i, NETWORK, row.sent, ALONE, 0, -1.0)
         buffer.arrival[:] = -1  # robots that the network leaves out hear nothing
         send(
             network_state[0], network_arrays, i, tick, row.sent, bytes_on_air, buffer.x_m, buffer.y_m,
@@ -192,7 +192,7 @@ def send_message(
         if HAS_SEND:
             at = buffer.arrival[j]
         else:
-            d = loss_draws(seed, run, j, i, row.sent)
+            d = Draws(seed, run, j, LOSS, row.sent, i, 16, -1.0)
             at = -1 if lost(i, j, d, network_params[0], world_of_robot(world, j)) else tick
         buffer.arrivals[m, j] = -1 if j == i or at < 0 else max(at, tick + 1)
     row.sent += 1
@@ -365,7 +365,7 @@ def take_sample(
 ) -> bool:  # fmt: skip
     """Let the strategy of robot ``i``, in row ``e``, handle the sample in row ``k``; return whether it sends."""
     number = signed(rows.sample[k])
-    x = reading_of(readings, k, rows.time_s[k], number)
+    x = own_reading(readings, k, rows.time_s[k], number)
     # The first random number of ``on_sample``, or below 0 if it is not computed yet.
     known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0
     draws = sample_draws(seed, run, i, number, known_uniform)
@@ -483,7 +483,8 @@ def replay(
                 replayed[r] += 1
                 if HAS_STEER:
                     number = signed(rows.sample[k])
-                    x, d = reading_of(readings, k, t_s, number), steering_draws(seed, run, i, number)
+                    x = own_reading(readings, k, t_s, number)
+                    d = Draws(seed, run, i, STEERING, number, ALONE, 0, -1.0)
                     steering[k, 0], steering[k, 1] = steer(
                         swarm.states[e], views(swarm.arrays, e), x, d, swarm.params[i], w
                     )

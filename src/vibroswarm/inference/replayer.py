@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import entry_for, read_only, zero_rows
+from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError
 from vibroswarm.inference.agents import empty_swarm, set_failures, sizes_of, strategy_used, world_of
-from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
 from vibroswarm.inference.replay_arrays import (
     BUFFER_FULL,
@@ -24,7 +24,6 @@ from vibroswarm.inference.replay_arrays import (
     Stops,
     empty_inbox,
     empty_log,
-    start_capacity,
 )
 from vibroswarm.inference.sender_positions import NO_TRACKS, Tracks
 from vibroswarm.networks import Network
@@ -90,7 +89,9 @@ class Replayer:
         self.network_arrays = network_arrays_for(strategy, network, params, sizes_of(scenario))
         # Room for a message at each sample, and for seven times as many sent by timers; it is enlarged if needed.
         at_samples = longest if strategy.on_timer is None else 8 * longest
-        self.under_way = start_capacity(self.robots)  # room for unread messages, of all receivers together
+        # Room for one unread message from each robot to each other robot, but for 2^19 (16 MiB) at most; it is enlarged
+        # if needed.
+        self.under_way = min(self.robots * self.robots, 2**19) + 64
         self.buffer = self._message_buffer(at_samples + 64)
 
     @property
@@ -123,21 +124,16 @@ class Replayer:
         while status == BUFFER_FULL:
             if from_start:
                 self.restart(rows)
-            arguments = self.arguments(rows, readings, stops, tracks)
             status = self.call(
-                (*arguments, from_start, to_end, self.no_limits if limits_s is None else limits_s)
-            )
+                rows, stops, readings, self.replayed, self.swarm, self.messages, self.buffer, tracks, self.log,
+                self.steering, self.world, self.network_params, self.network_state, self.network_arrays,
+                self.strategy.bytes_on_air, self.seed, self.decided_s, from_start, to_end,
+                self.no_limits if limits_s is None else limits_s,
+            )  # fmt: skip
             if status == BUFFER_FULL:  # repeat everything with a larger buffer
-                self.enlarge_buffer()
+                self.under_way *= 2
+                self.buffer = self._message_buffer(2 * self.buffer.sender.size)
                 from_start = True  # as the new buffer lacks the messages so far
-        self.refuse(status)
-
-    def refuse(self, status: int) -> None:
-        """Raise an error if the kernel ended with an error code.
-
-        Raises:
-            CodeError: the strategy did something that strategies may not do.
-        """
         if status != DONE:
             raise CodeError(f"strategy '{self.strategy.name}': {ERROR_TEXT[status]}")
 
@@ -153,25 +149,22 @@ class Replayer:
         for array in self.swarm.arrays if isinstance(self.swarm.arrays, tuple) else ():
             array[:] = 0
 
-    def call(self, arguments: tuple[Any, ...]) -> int:
+    def call(self, *arguments: Any) -> int:
         """Call the kernel, and return its status; the arguments must have the same types at each call.
 
         From the third call on, the compiled function is called directly (``entry``), which is faster.
         """
-        if self.entry is None:
-            with translate_errors(self.strategy, self.network):
-                status: int = self.module.replay(*arguments)
-            self.calls += 1
-            # A direct call loses the line at which an error occurred, which messages about a user's code state. So a
-            # user's strategy or network is never called directly.
-            if self.calls == 2 and not (self.strategy.code or self.network.code):
-                self.entry = entry_for(self.module.replay, *arguments)
-            return status
-        try:
+        if self.entry is not None:
             return self.entry(*arguments)
-        except Exception:
-            with translate_errors(self.strategy, self.network):
-                raise
+        code = self.strategy.code or self.network.code
+        with errors_in(code):
+            status: int = self.module.replay(*arguments)
+        self.calls += 1
+        # A direct call loses the line at which an error occurred, which messages about a user's code state. So a
+        # user's strategy or network is never called directly.
+        if self.calls == 2 and not code:
+            self.entry = entry_for(self.module.replay, *arguments)
+        return status
 
     def _message_buffer(self, room: int) -> MessageBuffer:
         """Allocate a buffer for so many messages of a run."""
@@ -194,16 +187,3 @@ class Replayer:
             x_m=np.zeros(seen) if sends else 0,
             y_m=np.zeros(seen) if sends else 0,
         )
-
-    def enlarge_buffer(self) -> None:
-        """Replace the buffer of messages by an empty one with room for twice as many, sent and under way."""
-        self.under_way *= 2
-        self.buffer = self._message_buffer(2 * self.buffer.sender.size)
-
-    def arguments(self, rows: Rows, readings: Readings, stops: Stops, tracks: Tracks) -> tuple[Any, ...]:
-        """Return the arguments of ``replay_messages.replay``, except its last three."""
-        return (
-            rows, stops, readings, self.replayed, self.swarm, self.messages, self.buffer, tracks, self.log,
-            self.steering, self.world, self.network_params, self.network_state, self.network_arrays,
-            self.strategy.bytes_on_air, self.seed, self.decided_s,
-        )  # fmt: skip

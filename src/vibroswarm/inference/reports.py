@@ -7,7 +7,7 @@ end of the run.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 from vibroswarm.inference.agents import Swarm, strategy_used
 from vibroswarm.inference.deliveries import Timeline
 from vibroswarm.inference.replay_arrays import Log
-from vibroswarm.inference.robot_maps import beliefs_of
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies.base import Report
 from vibroswarm.strategies.place_map import WITH_MAP
 
 REPORTS: Final[dict[str, Any]] = {
@@ -37,45 +35,28 @@ none yet. The rows of an array that is not of the state have the robot's last sa
 def report_frame(scenario: Scenario, timeline: Timeline, log: Log, swarm: Swarm) -> pl.DataFrame | None:
     """Return the table of what robots reported, None if the strategy reports nothing.
 
-    Rows are put in order without the threads of polars, which a forked process does not have.
-
     Args:
         timeline: samples and ends of the runs that were replayed. log: state after each sample. swarm: state of all
             robots at the end, in the order of ``timeline.ends``.
     """
-    names = list(strategy_used(scenario).reported)
-    if not names:
-        return None
-    fields = log.states.dtype.names or ()
-    parts = [
-        _of_samples(name, timeline, log) if name in fields else _of_ends(scenario, name, timeline, swarm)
-        for name in names
-    ]
-    column = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-    column["name"] = np.repeat(np.arange(len(names)), [part["run"].size for part in parts])
-    order = np.lexsort([column[key] for key in ("index", "name", "sample", "robot", "run")])
-    written = np.array(names, dtype=object)
-    values: dict[str, Any] = {key: rows[order] for key, rows in column.items()}
-    values["name"] = written[values["name"]].tolist()
-    return pl.DataFrame(
-        [pl.Series(key, values[key], dtype=kind, nan_to_null=key == "value") for key, kind in REPORTS.items()]
-    )
+    parts = [_rows(scenario, name, timeline, log, swarm) for name in strategy_used(scenario).reported]
+    return pl.concat(parts).sort("run", "robot", "sample", "name", "index") if parts else None
 
 
-def _of_samples(name: str, timeline: Timeline, log: Log) -> dict[str, NDArray[Any]]:
-    """Return the rows of a field or array of the robots' states, all but their name."""
-    rows: dict[str, NDArray[Any]] = {
-        key: timeline.samples[key].to_numpy() for key in ("run", "robot", "sample")
-    }
-    return _by_index(rows, log.states[name])
-
-
-def _of_ends(scenario: Scenario, name: str, timeline: Timeline, swarm: Swarm) -> dict[str, NDArray[Any]]:
-    """Return the rows of an array of each robot that sampled, at the end of its run; all but their name."""
-    sampled = np.flatnonzero(swarm.agents["samples"] > 0)
-    rows: dict[str, NDArray[Any]] = {key: timeline.ends[key].to_numpy()[sampled] for key in ("run", "robot")}
-    rows["sample"] = swarm.agents["samples"][sampled] - 1
-    return _by_index(rows, array_at_end(scenario, name, swarm.arrays)[sampled])
+def _rows(scenario: Scenario, name: str, timeline: Timeline, log: Log, swarm: Swarm) -> pl.DataFrame:
+    """Return the rows of a field or array: of the state after each sample, others at the end."""
+    if name in (log.states.dtype.names or ()):
+        rows, values = timeline.samples, log.states[name]
+    else:
+        samples = swarm.agents["samples"]
+        latest = timeline.ends.select("run", "robot", sample=pl.Series(np.maximum(samples - 1, 0)))
+        rows, values = latest.filter(samples > 0), array_at_end(scenario, name, swarm.arrays)[samples > 0]
+    places = values.reshape(len(values), math.prod(values.shape[1:]))  # also of no rows
+    of_place = np.repeat(np.arange(len(places)), places.shape[1])
+    columns: dict[str, Any] = {key: rows[key].to_numpy()[of_place] for key in ("run", "robot", "sample")}
+    columns |= {"name": [name] * of_place.size, "index": np.tile(np.arange(places.shape[1]), len(places))}
+    columns["value"] = places.ravel().astype(np.float64)
+    return pl.DataFrame(columns, schema=REPORTS, nan_to_null=True)
 
 
 def array_at_end(scenario: Scenario, name: str, arrays: Any) -> NDArray[Any]:
@@ -93,12 +74,24 @@ def array_at_end(scenario: Scenario, name: str, arrays: Any) -> NDArray[Any]:
     return beliefs_of(arrays, len(found) // robots, robots)[0].reshape(len(found), -1)
 
 
-def _by_index(rows: dict[str, NDArray[Any]], values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Return a row for each place of an array; ``values`` is (rows,), or (rows, size)."""
-    places = values.reshape(len(values), math.prod(values.shape[1:]))  # also of no rows
-    repeated = {key: np.repeat(column, places.shape[1]) for key, column in rows.items()}
-    index = np.tile(np.arange(places.shape[1]), len(places))
-    return repeated | {"index": index, "value": places.ravel().astype(np.float64)}
+def beliefs_of(arrays: Any, runs: int, robots: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the maps of robots that keep one, (runs, robots, tiles), and the pooled map, (runs, tiles), at the end.
+
+    A robot keeps log odds of each tile by sender, and weights of senders; the probabilities follow from both.
+
+    Args:
+        arrays: of all robots of all runs at the end (``Swarm.arrays``).
+    """
+    from scipy.special import expit  # its import takes long
+
+    # Axes: run, robot, sender, tile.
+    odds = arrays.odds.reshape(runs, robots, robots, -1)
+    weight = arrays.weight.reshape(runs, robots, robots, 1)
+    # Log odds of a tile of which nothing is known, as each robot has learned them; 0 if tiles are independent.
+    prior = arrays.prior_odds.reshape(runs, robots, 1)
+    # Robot i's log odds from sender i are those from its own samples.
+    own = odds[:, np.arange(robots), np.arange(robots)].sum(axis=1)
+    return expit((odds * weight).sum(axis=2) + prior), expit(own + prior.mean(axis=1))
 
 
 ESTIMATE: Final = ("estimate", "estimate_spread")
@@ -124,58 +117,29 @@ def reported_at_end(
     Args:
         swarm: state of all robots at the end of the runs. asked: (runs,), the number that the task asks for.
     """
-    reported = strategy_used(scenario).reported
     has_sampled = swarm.agents["samples"] > 0
-    fields = swarm.states.dtype.names or ()
-    values = {}
-    for name in reported:
-        at_end = swarm.states[name] if name in fields else array_at_end(scenario, name, swarm.arrays)
-        places = at_end.reshape(len(at_end), math.prod(at_end.shape[1:])).astype(np.float64)
-        places = np.where(has_sampled[:, None], places, np.nan)
-        values[name] = places.reshape(len(runs), scenario.swarm.robots, places.shape[1])
-    return _means(reported, values, runs, asked)
-
-
-def _means(
-    reported: Mapping[str, Report],
-    values: Mapping[str, NDArray[np.float64]],
-    runs: Sequence[int],
-    asked: NDArray[np.float64],
-) -> pl.DataFrame:
-    """Return the table ``REPORTED``.
-
-    Args:
-        values: by name, (runs, robots, places), nan where a robot has none.
-    """
     parts = [pl.DataFrame(schema=REPORTED)]
-    for name, one in reported.items():
-        if name in ESTIMATE or name not in values or values[name].shape[2] > MOST_PLACES:
+    for name, one in strategy_used(scenario).reported.items():
+        of_state = name in (swarm.states.dtype.names or ())
+        at_end = swarm.states[name] if of_state else array_at_end(scenario, name, swarm.arrays)
+        places = math.prod(at_end.shape[1:])
+        if name in ESTIMATE or places > MOST_PLACES:
             continue
-        error = (
-            np.abs(values[name] - asked[:, None, None])
-            if one.estimates
-            else np.full_like(values[name], np.nan)
-        )
-        count, _, places = values[name].shape
-        parts.append(
-            pl.DataFrame(
-                {
-                    "run": np.repeat(np.asarray(runs), places),
-                    "name": [name] * (count * places),
-                    "index": np.tile(np.arange(places), count),
-                    "value": _mean_of_known(values[name]).ravel(),
-                    "error": _mean_of_known(error).ravel(),
-                },
-                schema=REPORTED,
-                nan_to_null=True,
-            )
-        )
+        known = np.where(has_sampled[:, None], at_end.reshape(len(at_end), places).astype(np.float64), np.nan)
+        values = known.reshape(len(runs), scenario.swarm.robots, places)
+        error = np.abs(values - asked[:, None, None]) if one.estimates else np.full_like(values, np.nan)
+        columns = {
+            "run": np.repeat(np.asarray(runs), places),
+            "name": [name] * (len(runs) * places),
+            "index": np.tile(np.arange(places), len(runs)),
+            "value": _mean_of_known(values).ravel(),
+            "error": _mean_of_known(error).ravel(),
+        }
+        parts.append(pl.DataFrame(columns, schema=REPORTED, nan_to_null=True))
     return pl.concat(parts)
 
 
 def _mean_of_known(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return means over the robots (axis 1) that have a value, nan if none has."""
-    known = ~np.isnan(values)
     with np.errstate(invalid="ignore"):
-        mean: NDArray[np.float64] = np.where(known, values, 0.0).sum(axis=1) / known.sum(axis=1)
-    return mean
+        return np.asarray(np.nansum(values, axis=1) / (~np.isnan(values)).sum(axis=1))

@@ -18,10 +18,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import allocating_kernel, inlined, read_only, zero_rows
+from vibroswarm.core.jit import allocating_kernel, inlined, read_only
 from vibroswarm.errors import InputError
 from vibroswarm.motion.geometry import wrapped_rad
-from vibroswarm.motion.motion_tables import MOVE_ROW
 from vibroswarm.robot.walk import DRIVE, KINDS
 
 
@@ -75,20 +74,6 @@ NO_TRACKS: Final[Any] = 0
 """In place of ``Tracks`` for networks that do not read positions: kernels take time to compile for each array."""
 
 
-def _known(moves: pl.DataFrame | None) -> pl.DataFrame:
-    """Return ``moves``, the table of moves of a motion, unless it is missing.
-
-    Raises:
-        InputError: ``moves`` is None, as some motions have no such table.
-    """
-    if moves is None:
-        raise InputError(
-            "reads positions, but this motion has no moves; choose another network, or motion with moves",
-            field="network.name",
-        )
-    return moves
-
-
 def tracks_of(moves: pl.DataFrame | None, runs: NDArray[np.int64], robots: int, tick_ms: int) -> Tracks:
     """Convert a table of moves to tracks.
 
@@ -98,7 +83,11 @@ def tracks_of(moves: pl.DataFrame | None, runs: NDArray[np.int64], robots: int, 
     Raises:
         InputError: ``moves`` is None.
     """
-    moves = _known(moves)
+    if moves is None:
+        raise InputError(
+            "reads positions, but this motion has no moves; choose another network, or motion with moves",
+            field="network.name",
+        )
     run = np.searchsorted(runs, moves["run"].to_numpy())  # index of each move's run
     # Only a robot that drives changes its place here; a turning robot is taken to stay.
     drives = (moves["kind"] == KINDS[DRIVE]).to_numpy()
@@ -132,24 +121,6 @@ def tracks_of_rows(rows: NDArray[np.void], robots: int) -> Tracks:
         np.where(drives, rows["speed_m_s"], 0.0),
         np.where(drives, rows["rate_rad_s"], 0.0),
     )
-
-
-def move_rows(moves: pl.DataFrame | None, tick_ms: int) -> NDArray[np.void]:
-    """Convert a table of moves to rows (``motion.motion_tables.MOVE_ROW``).
-
-    Fields that neither tracks nor localisation read are 0.
-
-    Raises:
-        InputError: ``moves`` is None.
-    """
-    table = _known(moves)
-    rows = zero_rows(table.height, MOVE_ROW)
-    rows["tick"] = np.rint(table["start_s"].to_numpy() * (1000.0 / tick_ms))
-    rows["kind"] = table["kind"].to_physical().to_numpy()  # indices into ``walk.KINDS``
-    for name in ("robot", "x_m", "y_m", "heading_rad", "speed_m_s", "turned_rad", "ray_m"):
-        rows[name] = table[name].to_numpy()
-    rows["rate_rad_s"] = table["turn_rate_rad_s"].to_numpy()
-    return rows
 
 
 @allocating_kernel

@@ -37,15 +37,11 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError
-from vibroswarm.strategies.base import KINDS, NoArrays, Plugin, arrays_of, row_type
+from vibroswarm.strategies.base import KINDS, Nothing, Plugin, arrays_of, row_type
 from vibroswarm.strategies.static_analysis import UNUSED, check_function, is_shipped
 from vibroswarm.strategies.world import World
 
 Hook = Callable[..., Any]
-
-
-class NoState:
-    """The State of a network without a state: no fields."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,8 +55,8 @@ class Network(Plugin):
         check: ``check(params, robots)`` raises an InputError if the parameters do not suit the number of robots.
     """
 
-    state: type = NoState
-    arrays: type = NoArrays
+    state: type = Nothing
+    arrays: type = Nothing
     lost: Hook | None = None
     send: Hook | None = None
     positions: bool = True
@@ -97,7 +93,7 @@ class Network(Plugin):
             if getattr(self, hook) is not None:
                 # "or ()" is for the type checker: NumPy's ``names`` may be None, but rows always have fields.
                 fields = {argument: names or () for argument, names in names_of.items()}
-                check_function(hook, getattr(self, hook), fields, tuple(self.lists))
+                check_function(hook, getattr(self, hook), fields)
 
     @property
     def reads_positions(self) -> bool:

@@ -5,16 +5,13 @@ from __future__ import annotations
 from vibroswarm.strategies import none, positive, soft  # noqa: F401  (these register themselves)
 
 # isort: split
-from vibroswarm.strategies import dirichlet  # noqa: F401  (lists of strategies keep this order)
+from vibroswarm.strategies import kinds  # noqa: F401  (lists of strategies keep this order)
 
 # isort: split
 from vibroswarm.strategies import (  # noqa: F401
     averaging,
     bayes_bots,
-    dirichlet_positive,
-    dirichlet_soft,
     explore,
-    fading,
     forget,
     mcp,
     places,

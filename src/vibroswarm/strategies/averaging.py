@@ -6,7 +6,7 @@
 | heard share | h_j | mean of the shares of kind j that came between two own readings, the latest there were |
 | share | m_j | (1 - a) o_j + a h_j (o_j before any is heard) for j > 0, and the rest for j = 0 |
 | counts | c_j | m_j n; n = own readings / ((1 - a)^2 + (1 - (1 - a)^2) / robots): as if all read independently |
-| decision | d | the kind whose share is clearly the largest (``kind_belief.clear_leader``) |
+| decision | d | the kind whose share is clearly the largest (``kinds.clear_leader``) |
 """
 
 from __future__ import annotations
@@ -17,10 +17,8 @@ from pydantic import Field
 
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
-from vibroswarm.strategies.kind_belief import clear_leader
+from vibroswarm.strategies.kinds import clear_leader
 from vibroswarm.strategies.world import Draws, Reading, World
-
-__all__ = ["averaging", "decision"]
 
 
 class Params:
@@ -97,6 +95,7 @@ averaging = register(
     strategy_in(
         __name__,
         "averaging",
+        decision=decision,
         bytes_on_air=5,
         answers_kinds=True,
         shares="counts",

@@ -29,41 +29,30 @@ it leaves to the walk (``robot.walk.steered``).
 
 from __future__ import annotations
 
-import re
+import math
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from difflib import get_close_matches
 from functools import cache
-from inspect import get_annotations
 from types import FunctionType
 from typing import Annotated, Any, Final, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, field_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.registry import Registry
-from vibroswarm.errors import InputError, nearest, shown, whole_number_of
+from vibroswarm.errors import InputError
 from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS, UNUSED, check_function, is_shipped
-from vibroswarm.strategies.world import DetailedReading, Reading, World
+from vibroswarm.strategies.world import Reading, World
 
 Hook = Callable[..., Any]
 """A function of a strategy that the simulator calls."""
 
-MAX_BYTES: Final = 144
-"""Capacity of a message of the robots' radio, bytes."""
-NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
-"""A valid name of a strategy, network or task."""
 
-
-class NoParams:
-    """Parameters of a strategy that has none."""
-
-
-class NoArrays:
-    """Arrays of a strategy whose state is scalars alone."""
+class Nothing:
+    """No fields, and no arrays."""
 
 
 def _ignore_message(s: Any, a: Any, m: Any, sender: int, t_s: float, d: Any, p: Any, w: Any) -> None:
@@ -87,7 +76,7 @@ class Plugin:
 
     name: str
     _: KW_ONLY
-    params: type = NoParams
+    params: type = Nothing
     about: str = ""
     source: str = field(default="", compare=False)
     """Text of its file, if that is not part of this package; else empty."""
@@ -95,12 +84,7 @@ class Plugin:
     """Reference to that file: ``voter.py:voter sha256:...`` (``scenario.plugins``); empty without such a file."""
 
     def __post_init__(self) -> None:
-        """Check the name, and replace the class of parameters by a Pydantic model with the same fields."""
-        if not NAME.fullmatch(self.name):
-            raise InputError(
-                f"{shown(self.name)} is not a valid name; use lower-case letters, digits and underscores",
-                field="name",
-            )
+        """Replace the class of parameters by a Pydantic model with the same fields."""
         # The dataclass is frozen, so the attribute is set past its own __setattr__.
         object.__setattr__(self, "params", as_params(self.params, self.name))
 
@@ -155,8 +139,6 @@ class Strategy(Plugin):
         revises: whether decisions may change if ``decision.revise`` is set.
         boundary_half: whether the strategy works only if the boundary of readings (``World.boundary``) is 1/2; if
             omitted, as ``answers_kinds``, since the most common kind is compared with no boundary.
-        told: what its parameters tell a robot of the task, such as "accuracy"; ``static_analysis.told`` adds what the
-            hooks read.
         reports: what robots report beside ``shares``, a ``Report`` or its name each: fields and arrays of ``State``,
             whose values results have after each sample, and of ``Arrays``, which they have at the end of a run (table
             ``reports``). Fields
@@ -169,8 +151,6 @@ class Strategy(Plugin):
         answers_kinds: whether it decides among as many answers as there are kinds of tile, 0 to kinds - 1, such as
             which is most common, instead of 0 or 1. Its readings may be of many classes too.
         knows_error_rates: whether robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
-        reads_details: whether ``on_sample`` is given a ``DetailedReading`` in place of a ``Reading``. It has
-            values if the parameter ``energies`` is True.
         check: a function of the parameters and ``decision.decision_boundary``, called when a scenario is made. It
             raises an ``InputError`` if robots cannot be asked that.
     """
@@ -181,7 +161,7 @@ class Strategy(Plugin):
     decision: Hook
     message: type = Bit
     belief: Hook | None = None
-    arrays: type = NoArrays
+    arrays: type = Nothing
     on_counts: Hook | None = None
     on_message: Hook | None = None
     on_timer: Hook | None = None
@@ -191,33 +171,27 @@ class Strategy(Plugin):
     bytes_on_air: int = 1
     revises: bool = False
     boundary_half: bool | None = None
-    told: tuple[str, ...] = ()
     reports: tuple[Report | str, ...] = ()
     shares: str = ""
     many_readings: bool = False
     answers_kinds: bool = False
     knows_error_rates: bool = False
-    reads_details: bool = False
     check: Callable[[Any, float], None] | None = None
 
     def __post_init__(self) -> None:
-        """Check name, message size and hooks, and replace the class of parameters (``Plugin``).
+        """Check the hooks, and replace the class of parameters (``Plugin``).
 
         A strategy without a hook for messages gets an ``on_message`` that does nothing, because the simulator calls
         one. Hooks and classes of this package are not checked, see ``static_analysis.is_shipped``.
 
         Raises:
-            InputError: the name is invalid, ``bytes_on_air`` is out of range, or as of ``check_hooks``.
+            InputError: as of ``check_hooks``.
         """
         params = self.params  # as given: the model that replaces it is made by this package
         super().__post_init__()
-        if not 0 <= self.bytes_on_air <= MAX_BYTES:
-            raise InputError(
-                f"{self.bytes_on_air} is out of range; a message has 0 to {MAX_BYTES} bytes",
-                field="bytes_on_air",
-            )
-        hooks = [getattr(self, hook) for hook in STRATEGY_HOOKS]
-        if not is_shipped(params, self.state, self.message, self.arrays, *hooks):
+        if not is_shipped(
+            params, self.state, self.message, *(getattr(self, hook) for hook in STRATEGY_HOOKS)
+        ):
             self.check_hooks()
         # The dataclass is frozen, so attributes are set past its own __setattr__.
         if self.on_counts is None and self.on_message is None:
@@ -230,47 +204,32 @@ class Strategy(Plugin):
         """Check the hooks, and the classes of fields that they use.
 
         Raises:
-            InputError: a class is no valid row (``row_type``), a hook has errors (``check_function``), State lacks
-                ``next_s``, at which ``on_timer`` is called, or there are both ``on_counts`` and ``on_message``.
+            InputError: a class is no valid row (``row_type``), a hook has errors (``check_function``), there are both
+                ``on_counts`` and ``on_message``, or a count of bits is no int.
         """
         # Fields that a hook may use of each of its arguments, so that a misspelt field is found before compiling.
+        message = self.message_type.names or ()
         rows = {
-            "s": self.state_type.names,
-            "out": self.message_type.names,
-            "m": self.message_type.names,
-            "p": self.params_type.names,
+            "s": self.state_type.names or (),
+            "out": message,
+            "m": message,
+            "p": self.params_type.names or (),
             "w": World._fields,
-            "x": DetailedReading._fields if self.reads_details else Reading._fields,
+            "x": Reading._fields,
             "a": tuple(arrays_of(self.arrays)),
         }
         for hook in STRATEGY_HOOKS:
             if getattr(self, hook) is not None:
-                # "or ()" is for the type checker: NumPy's ``names`` may be None, but rows always have fields.
-                check_function(
-                    hook, getattr(self, hook), {name: row_fields or () for name, row_fields in rows.items()}
-                )
-        reported = (*(rows["s"] or ()), *(rows["a"] or ()))
-        for name in self.reported:
-            if name not in reported:
-                raise InputError(
-                    f"'{name}' is neither a field of State nor an array{nearest(name, reported)}",
-                    field="reports",
-                )
-        if self.on_timer is not None and "next_s" not in (rows["s"] or ()):
-            raise InputError(
-                "has on_timer, so its State needs the field next_s: float", field=f"strategy '{self.name}'"
-            )
-        if self.on_counts is not None and self.on_message is not None:
-            # Some kernels would call the one, others the other.
+                check_function(hook, getattr(self, hook), rows)
+        if self.on_counts is not None and self.on_message is not None:  # kernels would call one or the other
             raise InputError(
                 "has on_counts and on_message; define one of them", field=f"strategy '{self.name}'"
             )
-        for name in ("alpha", "beta"):  # of which tables of results have whole numbers
-            if name in (rows["s"] or ()) and self.state_type[name] != np.int64:
-                raise InputError(
-                    f"{name} is a count of bits, an int; give numbers of another type another name",
-                    field=f"strategy '{self.name}'",
-                )
+        # Tables of results have these as whole numbers.
+        if any(self.state_type[name] != np.int64 for name in {"alpha", "beta"}.intersection(rows["s"])):
+            raise InputError(
+                "alpha and beta are counts of bits, of type int", field=f"strategy '{self.name}'"
+            )
 
     @property
     def reported(self) -> dict[str, Report]:
@@ -319,66 +278,26 @@ class Array:
         Args:
             sizes: value of each word that ``of`` may contain: robots, rows, columns, tiles; empty where only numbers
                 are allowed, as in messages.
-        Raises:
-            InputError: ``of`` has a factor that is neither a number nor one of ``sizes``.
         """
-        count = 1
-        for factor in self.of.split("*"):
-            word = factor.strip()
-            # isascii, because isdecimal is true for digits of other scripts too
-            is_number = word.isascii() and word.isdecimal() and len(word) < 20
-            if not is_number and word not in sizes:
-                factors = ", ".join(["whole numbers", *sizes])
-                raise InputError(f"{shown(word)} is not a size; use a product of {factors}", field="arrays")
-            count *= int(word) if is_number else sizes[word]
-        if count > MOST_ELEMENTS:
-            raise InputError(
-                f"{shown(self.of)} is {count:,} elements; a robot has at most {MOST_ELEMENTS:,}",
-                field="arrays",
-            )
-        return count
-
-
-MOST_ELEMENTS: Final = 100_000_000
-"""Largest number of elements of an array of one robot."""
-ARRAY_KINDS: Final = ("float64", "float32", "int64", "int32", "int16", "uint8")
-"""Types that elements of arrays may have."""
+        factors = (factor.strip() for factor in self.of.split("*"))
+        return math.prod(int(factor) if factor.isdecimal() else sizes[factor] for factor in factors)
 
 
 def array(kind: str, of: str | int) -> Array:
     """Declare an array of a robot (in its class ``Arrays``), a message or a network.
 
     Args:
-        kind: type of its elements, one of ``ARRAY_KINDS``. of: number of its elements, a whole number or a product such
-            as "robots*tiles", in a message a number; arrays have one dimension.
-    Raises:
-        InputError: ``kind`` is another type, or ``of`` is neither text nor a number of elements. Words in ``of`` are
-            checked later, by ``Array.size``.
+        kind: type of its elements: float64, float32, int64, int32, int16 or uint8. of: number of its elements, a whole
+            number or a product such as "robots*tiles", in a message a number; arrays have one dimension.
     """
-    if kind not in ARRAY_KINDS:
-        raise InputError(
-            f"{shown(kind)} is not a number type (there are {', '.join(ARRAY_KINDS)})", field="arrays"
-        )
-    if isinstance(of, str):
-        return Array(kind, of)
-    return Array(kind, str(whole_number_of(of, "arrays", 0, MOST_ELEMENTS)))
+    return Array(kind, str(of))
 
 
 def arrays_of(declared: type) -> dict[str, Array]:
-    """Return the attributes of a class that were declared by ``array(...)``, inherited ones included, by name.
-
-    Raises:
-        InputError: one is declared as a type, ``heard: array(...)``, so that the class has no such attribute.
-    """
-    found: dict[str, Array] = {}
-    for base in reversed(declared.__mro__):  # from the oldest class on, so that a derived one overrides
-        for name, kind in get_annotations(base).items():
-            if isinstance(kind, Array) or re.search(r"\barray\(", str(kind)):
-                raise InputError(
-                    f"is declared with ':'; write {name} = array(...)", field=f"{declared.__name__}.{name}"
-                )
-        found |= {name: value for name, value in vars(base).items() if isinstance(value, Array)}
-    return found
+    """Return the attributes of a class that were declared by ``array(...)``, inherited ones included, by name."""
+    classes = reversed(declared.__mro__)  # from the oldest class on, so that a derived one overrides
+    attributes = (item for base in classes for item in vars(base).items())
+    return {name: value for name, value in attributes if isinstance(value, Array)}
 
 
 CLASSES: Final = {"Params": "params", "State": "state", "Message": "message", "Arrays": "arrays"}
@@ -392,27 +311,16 @@ def strategy_in(module: str, name: str, **more: Any) -> Strategy:
         module: ``__name__`` of the module. name: of the strategy. more: further arguments of ``Strategy``; they
             override what is found in the module.
     Raises:
-        InputError: State, begin, on_sample or decision is missing in the module, whatever ``more`` holds, or a
-            function has nearly the name of a hook, or ``Strategy`` refuses an argument.
+        InputError: a function has nearly the name of a hook, or ``Strategy`` refuses an argument.
     """
     space = vars(sys.modules[module])
-    # Only functions count as hooks: a module may use the name of a hook for something else.
     parts = {CLASSES[part]: space[part] for part in CLASSES if part in space}
     parts |= {part: space[part] for part in STRATEGY_HOOKS if isinstance(space.get(part), FunctionType)}
-    for part, word in (  # argument of Strategy, and its name in the module
-        ("state", "State"),
-        ("begin", "begin"),
-        ("on_sample", "on_sample"),
-        ("decision", "decision"),
-    ):
-        if part not in parts:
-            raise InputError(f"has no {word}; every strategy has one", field=f"strategy '{name}'")
     lacking = tuple(hook for hook in STRATEGY_HOOKS if hook not in {*parts, *more})
     for word, value in space.items():
-        meant = get_close_matches(word, lacking, 1, 0.9)
         is_helper = word.startswith(("_", *lacking))  # such as a function ``beliefs``
-        if meant and not is_helper and isinstance(value, FunctionType):  # it would never be called
-            raise InputError(f"has {word}; did you mean '{meant[0]}'?", field=f"strategy '{name}'")
+        if isinstance(value, FunctionType) and not is_helper and get_close_matches(word, lacking, 1, 0.9):
+            raise InputError(f"has {word}, which is nearly the name of a hook", field=f"strategy '{name}'")
     return Strategy(name=name, **{**parts, **more})
 
 
@@ -421,29 +329,10 @@ KINDS: Final[dict[type, Any]] = {int: np.int64, float: np.float64, bool: np.bool
 
 
 def fields_of(declared: type) -> dict[str, type]:
-    """Return the type of each field of an annotated class, by name: int, float or bool.
-
-    Raises:
-        InputError: a field has another type.
-    """
+    """Return the type of each field of an annotated class, by name: int, float or bool."""
     hints = get_type_hints(declared)
-    refuse_untyped(declared, hints)
-    if issubclass(declared, BaseModel):  # leave out its other annotations, such as model_config
-        hints = {name: hint for name, hint in hints.items() if name in declared.model_fields}
-    for name, kind in hints.items():
-        if kind not in KINDS:
-            raise InputError(f"{shown(kind)} is not a field type; use int, float or bool", field=name)
-    return hints
-
-
-def refuse_untyped(declared: type, hints: Mapping[str, object]) -> None:
-    """Refuse an attribute such as ``lead = 30``, which looks like a field and is none without a type."""
-    for name, value in vars(declared).items():
-        if name not in hints and not name.startswith("_") and isinstance(value, int | float):
-            raise InputError(
-                f"has no type; declare it as {name}: {type(value).__name__}, or move a constant out of the class",
-                field=f"{declared.__name__}.{name}",
-            )
+    # A model has other annotations too, such as model_config.
+    return {name: hints[name] for name in getattr(declared, "model_fields", hints)}
 
 
 @cache
@@ -455,24 +344,17 @@ def row_type(declared: type, what: str) -> np.dtype[np.void]:
     Args:
         declared: the class. what: its role, such as "state", for error messages.
     Raises:
-        InputError: a field is not int, float or bool, or has the name of an attribute of NumPy's records; an array
-            has a size that is not a number; or ``declared`` is not a class, or has an undefined annotation.
+        InputError: a field has a default that would have no effect.
     """
-    try:
-        fields = fields_of(declared)
-    except (NameError, TypeError) as error:  # an annotation is undefined, or ``declared`` is not a class
-        raise InputError(f"{shown(declared)} declares no fields: {error}", field=what) from None
+    fields = fields_of(declared)
     for name in fields:
-        if hasattr(np.record, name):  # without Numba, row.name would be NumPy's attribute, not the field
-            raise InputError(f"'{name}' is an attribute of NumPy's records; choose another name", field=what)
-        if what != "params" and isinstance(value := getattr(declared, name, 0), int | float) and value != 0:
+        if what != "params" and getattr(declared, name, 0) != 0:
             raise InputError(
-                f"{name} = {value} has no effect, all fields are 0 at first; set it in begin", field=what
+                f"{name}: defaults have no effect, all fields are 0 at first; set it in begin", field=what
             )
     parts: list[Any] = [(name, KINDS[kind]) for name, kind in fields.items()]
     # Sizes are empty, so only arrays whose size is a number are allowed here.
     parts += [(name, value.kind, (value.size({}),)) for name, value in arrays_of(declared).items()]
-    # A row needs at least one field.
     return np.dtype(parts or [(UNUSED, np.int64)])
 
 
@@ -481,57 +363,23 @@ class _Parameters(FrozenModel):
 
     model_config = ConfigDict(validate_default=True)
 
-    @field_validator("*")
-    @classmethod
-    def _refuse_long(cls, value: object) -> object:
-        """Refuse whole numbers that a row, which has 64 bits, cannot hold."""
-        if isinstance(value, int) and not -(2**63) <= value < 2**63:
-            raise PydanticCustomError("too_long", "input should have at most 64 bits")
-        return value
-
 
 def as_params(declared: type, name: str) -> type[BaseModel]:
     """Return the frozen, strict Pydantic model of a class of annotated fields; a model is returned unchanged.
 
     Args:
         declared: the class. name: of the strategy, network or task, from which the model is named.
-    Raises:
-        InputError: a field has no default, or one that its type or its bounds exclude.
     """
-    if not isinstance(declared, type):
-        raise InputError(
-            f"{shown(declared)} is not a class; give the class itself, such as Params", field="params"
-        )
     if issubclass(declared, BaseModel):
         return declared
-    hints = get_type_hints(declared, include_extras=True)
-    refuse_untyped(declared, hints)
-    for field_name in hints:
-        if not hasattr(declared, field_name):
-            raise InputError("has no default; give one", field=f"Params.{field_name}")
     definitions: dict[str, Any] = {
         # TOML and --set give a tuple as a list, which strict models refuse.
         field_name: (_from_list(hint), getattr(declared, field_name))
-        for field_name, hint in hints.items()
+        for field_name, hint in get_type_hints(declared, include_extras=True).items()
     }
-    model = create_model(
+    return create_model(
         f"{name.title()}Params", __base__=_Parameters, __doc__=declared.__doc__, **definitions
     )
-    if not is_shipped(declared):
-        _check_defaults(model)
-    return model
-
-
-def _check_defaults(model: type[BaseModel]) -> None:
-    """Refuse defaults that would be refused if they were given."""
-    try:
-        model()
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise InputError(
-            f"the default {shown(first['input'])} is wrong: {first['msg'][0].lower()}{first['msg'][1:]}",
-            field=".".join(map(str, ("Params", *first["loc"]))),
-        ) from None
 
 
 def _from_list(hint: Any) -> Any:

@@ -20,12 +20,8 @@ from vibroswarm.strategies.world import Draws, World, belief_below
 Row = Any
 """A row of a structured array: its fields are attributes, changed in place."""
 
-GATE_TOTAL: Final = 0
-"""Value of ``World.gate``: own readings and observations received count towards O_c."""
-GATE_RECEIVED: Final = 1
-"""Value of ``World.gate``: only observations received count."""
-GATE_OWN: Final = 2
-"""Value of ``World.gate``: only own readings count."""
+GATE_TOTAL, GATE_RECEIVED, GATE_OWN = 0, 1, 2
+"""Values of ``World.gate``: which observations count towards O_c: own and received ones, received ones, own ones."""
 GATES: Final = ("total", "received", "own")
 """Names of these values in a scenario (``decision.gate``); a value is the index of its name."""
 

@@ -39,8 +39,6 @@ from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, belief, decided, decision
 from vibroswarm.strategies.world import Draws, Reading, World, belief_below
 
-__all__ = ["bayes_bots", "belief", "decision"]
-
 
 class Params:
     """Feedback, prior, and what counts."""
@@ -165,6 +163,8 @@ bayes_bots = register(
     strategy_in(
         __name__,
         "bayes_bots",
+        belief=belief,
+        decision=decision,
         bytes_on_air=5,
         about="Bayes Bots: a robot sends its reading or, with positive feedback, its decision; the prior is the gate",
     )

@@ -44,8 +44,6 @@ from vibroswarm.strategies.places import on_message as add_heard
 from vibroswarm.strategies.places import on_sample as add_own
 from vibroswarm.strategies.world import Draws, Reading, World
 
-__all__ = ["belief", "decision", "explore"]
-
 DIRECTIONS: Final = 16
 """Number of directions compared."""
 MARGIN_M: Final = 0.07
@@ -232,6 +230,8 @@ explore = register(
     strategy_in(
         __name__,
         "explore",
+        belief=belief,
+        decision=decision,
         bytes_on_air=9,
         knows_error_rates=True,
         reports=("p", "weight"),

@@ -28,8 +28,6 @@ from vibroswarm.strategies.base import register, strategy_in
 from vibroswarm.strategies.bayes import Row, belief, decided, decision, enough
 from vibroswarm.strategies.world import Draws, Reading, World, belief_below
 
-__all__ = ["belief", "decision", "forget"]
-
 
 class Params:
     """How long bits count."""
@@ -93,6 +91,8 @@ forget = register(
     strategy_in(
         __name__,
         "forget",
+        belief=belief,
+        decision=decision,
         revises=True,
         about="forget: no feedback, and old bits count less and less",
     )

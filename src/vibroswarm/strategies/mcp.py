@@ -37,8 +37,6 @@ from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decided, decision, enough
 from vibroswarm.strategies.world import Draws, Reading, World
 
-__all__ = ["decision", "mcp"]
-
 PERFECT: Final = 1.0 - 1e-6
 """Largest accuracy: a perfect sensor would make the confidence infinite if all readings are the same."""
 LEAST_GAIN: Final = 1e-12
@@ -191,6 +189,7 @@ mcp = register(
     strategy_in(
         __name__,
         "mcp",
+        decision=decision,
         reports=ESTIMATE,
         bytes_on_air=9,
         about="MCP: a robot sends its estimate of the fill ratio, and its confidence",

@@ -33,7 +33,10 @@ readings lose the fraction 1 / 60 of their weight in surprise, suspicion and cou
 - What a robot is told about its task: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below
   1, and how far beyond edges vibration is felt if ``edge_reach_m`` is above 0.
 - A priori each tile vibrates with probability 1/2, independently, if the boundary is 1/2. With another boundary, or
-  ``prior_median``, tiles share a prior: ``place_share`` has belief and score then, and p_t has the prior odds o.
+  ``prior_median``, tiles share a prior: ``place_map`` has belief and score then, and p_t has the prior odds o.
+- ``fading`` is ``places`` for floors that change: at each own sample, s seconds after the one before, l_jt becomes
+  l_jt exp(-s / ``memory_s``). The decision may change if ``decision.revise`` is set. A floor that changes contradicts
+  all senders at once: set ``trust_limit`` to 1000 and ``broken_prior`` to 0, unless robots may fail.
 - Floors whose fill ratio is close to the boundary are harder, and errors there are more frequent than 1 - p_c;
   ``variance_factor`` above 1 makes decisions more cautious.
 
@@ -45,19 +48,30 @@ the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import Field
 
 from vibroswarm.core.jit import inlined
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
-from vibroswarm.strategies.place_map import TileArrays, add_reading, score, score_at, share_place
-from vibroswarm.strategies.place_share import learn_share, score_asked, tiles_share
-from vibroswarm.strategies.place_trust import State, TrustArrays, judge, rounded
+from vibroswarm.strategies.place_map import (
+    RATE,
+    TileArrays,
+    add_reading,
+    learn_share,
+    score,
+    score_asked,
+    score_at,
+    share_place,
+    tiles_share,
+)
 from vibroswarm.strategies.world import Draws, Reading, World
 
-__all__ = ["Message", "State", "decision", "places"]
+STEP_M: Final = 0.001
+"""Resolution of places in messages."""
+TRUST_MEMORY: Final = 60
+"""Readings over which a sender's surprise is averaged."""
 
 
 class Message:
@@ -69,6 +83,12 @@ class Message:
     at_y_m: float
     spread_x_m: float
     spread_y_m: float
+
+
+@inlined
+def rounded(length_m: float) -> float:
+    """Return a length rounded to ``STEP_M``, as messages hold it."""
+    return STEP_M * math.floor(length_m / STEP_M + 0.5)
 
 
 @inlined
@@ -138,6 +158,27 @@ class Params:
             description="How far beyond the edges of a tile its vibration is felt, as robots assume.",
         ),
     ] = 0.0
+
+
+class State:
+    """The last own readings (the latest is the lowest bit), number of samples added, own and heard (those off the
+    floor too), score needed, and decision."""
+
+    bits: int
+    heard: int
+    needed: float
+    decision: int
+
+
+class TrustArrays:
+    """What is known of each sender: its surprise and the variance of it, its suspicion, its readings, its weight."""
+
+    surprise = array("float64", "robots")
+    variance = array("float64", "robots")
+    suspicion = array("float64", "robots")
+    ones = array("float64", "robots")
+    readings = array("float64", "robots")
+    weight = array("float64", "robots")
 
 
 class OddsArrays:
@@ -223,13 +264,101 @@ def add_sample(
     judge(a, j, bit, add_reading(a, j, bit, left, right, upper, lower, w), p)
 
 
+def judge(a: Row, j: int, bit: int, probability: float, p: Row) -> None:
+    """Update surprise, suspicion and weight of sender ``j`` by one of its readings.
+
+    Args:
+        bit: the reading. probability: that of this reading, by the map without the evidence of ``j``.
+    """
+    kept = 1.0 - 1.0 / TRUST_MEMORY  # weight that older readings keep
+    chance = min(max(probability, RATE), 1.0 - RATE)
+    # If the map is right, the reading is ``bit`` with probability ``chance``, and its log probability has the mean
+    # ``by_chance`` and the variance chance (1 - chance) ratio^2. a.surprise is the weighted sum of log probability -
+    # mean over the readings, a.variance the variance of this sum.
+    by_chance = chance * math.log(chance) + (1.0 - chance) * math.log(1.0 - chance)
+    ratio = math.log(chance / (1.0 - chance))
+    a.surprise[j] = kept * a.surprise[j] + math.log(chance) - by_chance
+    a.variance[j] = kept * kept * a.variance[j] + chance * (1.0 - chance) * ratio * ratio
+    # Probability of the reading if the sender is broken, so that the share of ones in its readings does not depend on
+    # the place. Half a one and half a zero are added to the counts, so that the probability is never 0.
+    if_broken = (a.ones[j] + 0.5) / (a.readings[j] + 1.0)
+    if bit == 0:
+        if_broken = 1.0 - if_broken
+    a.suspicion[j] = kept * a.suspicion[j] + math.log(if_broken / chance)
+    a.ones[j], a.readings[j] = kept * a.ones[j] + bit, kept * a.readings[j] + 1.0
+    # Odds that the sender is broken; the limit of 500 keeps exp() from overflowing.
+    broken = p.broken_prior / (1.0 - p.broken_prior) * math.exp(min(a.suspicion[j], 500.0))
+    a.weight[j] = 1.0 / (1.0 + broken)
+    if a.surprise[j] < -p.trust_limit * math.sqrt(a.variance[j]):
+        a.weight[j] = 0.0
+
+
+# Fields of fading come first in its rows: Numba would take a row that begins like one of places for one of places.
+class Memory:
+    """How long evidence counts."""
+
+    memory_s: Annotated[
+        float,
+        Field(
+            gt=0,
+            le=1e9,
+            description="Time after which evidence on a tile counts 1/e, s.",
+        ),
+    ] = 600.0
+
+
+class FadingParams(Params, Memory):
+    """Those of ``places``, and how long evidence counts."""
+
+
+class Clock:
+    """Time of the last own sample, s."""
+
+    sampled_s: float
+
+
+class FadingState(State, Clock):
+    """That of ``places``, and when the map last faded."""
+
+
+def on_sample_fading(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Let the map fade, add an earlier sample to it and send that, and decide, again if decisions may change."""
+    kept = math.exp(-(x.t_s - s.sampled_s) / p.memory_s)
+    s.sampled_s = x.t_s
+    for k in range(w.robots * w.rows * w.columns):
+        a.odds[k] *= kept
+    before = s.decision
+    if w.revise:
+        s.decision = -1  # so that places decides again; without a new decision the old one stays
+    sends = on_sample(s, a, x, out, d, p, w)
+    if s.decision == -1:
+        s.decision = before
+    return sends
+
+
 places = register(
     strategy_in(
         __name__,
         "places",
+        decision=decision,
         bytes_on_air=8,
         knows_error_rates=True,
         reports=("p", "weight"),
         about="places: robots send where they sampled, and map a floor whose grid of tiles is known",
+    )
+)
+fading = register(
+    strategy_in(
+        __name__,
+        "fading",
+        params=FadingParams,
+        state=FadingState,
+        on_sample=on_sample_fading,
+        decision=decision,
+        bytes_on_air=8,
+        knows_error_rates=True,
+        revises=True,
+        reports=("p", "weight"),
+        about="fading: places, whose evidence on each tile decays with time",
     )
 )

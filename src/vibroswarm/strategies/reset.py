@@ -40,8 +40,6 @@ from vibroswarm.strategies.base import Report, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decided, enough
 from vibroswarm.strategies.world import Draws, Reading, World, belief_below
 
-__all__ = ["reset"]
-
 RAREST: Final = 0.01
 """Least share of ones, and of zeros, that is presumed: with 0 a single bit could outweigh all others."""
 

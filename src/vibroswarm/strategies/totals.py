@@ -37,8 +37,6 @@ from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, belief, decision
 from vibroswarm.strategies.world import Draws, Reading, World
 
-__all__ = ["belief", "decision", "totals"]
-
 
 class Params:
     """The threshold."""
@@ -126,6 +124,8 @@ totals = register(
     strategy_in(
         __name__,
         "totals",
+        belief=belief,
+        decision=decision,
         bytes_on_air=5,
         about="totals: a robot sends its counts; the threshold of its decision falls to 0 at the end",
     )

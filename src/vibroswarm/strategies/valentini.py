@@ -51,8 +51,6 @@ from vibroswarm.strategies.base import Strategy, array, register
 from vibroswarm.strategies.bayes import Row
 from vibroswarm.strategies.world import Draws, Reading, World, u
 
-__all__ = ["dc", "dmmd", "dmvd"]
-
 ROUNDING_S: Final = 1e-6
 """A timer this much before the end of a phase counts as the end: times are rounded."""
 

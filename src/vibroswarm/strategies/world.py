@@ -119,45 +119,12 @@ class Reading(NamedTuple):
     """Standard deviation of ``lagged_x_m``, m."""
     lagged_spread_y_m: float
     """Standard deviation of ``lagged_y_m``, m."""
-
-
-class DetailedReading(NamedTuple):
-    """An own sample for a strategy that ``reads_details``: a ``Reading`` and its value.
-
-    The fields up to ``lagged_spread_y_m`` are those of ``Reading``.
-    """
-
-    reading: int
-    """0 or 1."""
-    t_s: float
-    """Time of the sample."""
-    number: int
-    """Index among the robot's samples, from 0."""
-    x_m: float
-    """x of where the robot believes it is."""
-    y_m: float
-    """y of where the robot believes it is."""
-    heading_rad: float
-    """Heading that the robot believes it has, anticlockwise from x."""
-    spread_m: float
-    """Standard deviation of the position, m: the root of the mean of the variances in x and y."""
-    lagged_number: int
-    """Index of the lagged sample: the one taken ``localisation.lag`` samples ago, whose place is known better by now.
-    -1: there is none yet. If robots know their true positions, this sample itself is the lagged one."""
-    lagged_x_m: float
-    """x of where the robot now believes that the lagged sample was taken."""
-    lagged_y_m: float
-    """y of where the robot now believes that the lagged sample was taken."""
-    lagged_spread_x_m: float
-    """Standard deviation of ``lagged_x_m``, m."""
-    lagged_spread_y_m: float
-    """Standard deviation of ``lagged_y_m``, m."""
-    log_ratio: float
-    """ln of the density of the sample's energy on vibrating over that on still tiles, or the log ratio of the bit if a
-    fault changed it; nan if it is not computed."""
-    value: float
-    """What the sample measured, the first of several numbers, whatever a fault made of the reading; nan if it is not
-    computed."""
+    log_ratio: float = math.nan
+    """ln of the density of what was measured on vibrating over that on still tiles, or the log ratio of the bit if a
+    fault changed it; nan unless the parameter ``energies`` is True."""
+    value: float = math.nan
+    """What the sample measured, the first of several numbers, whatever a fault made of the reading; nan unless the
+    parameter ``energies`` is True."""
 
 
 class Draws(NamedTuple):
@@ -218,10 +185,7 @@ def beliefs(boundary: float, counts: int) -> Beliefs:
 
     Sizes are powers of 2, so that scenarios of similar length share a cached table.
     """
-    room = MIN_COUNTS
-    while room <= counts and room < MAX_COUNTS:
-        room *= 2
-    return _beliefs(boundary, room)
+    return _beliefs(boundary, min(max(1 << counts.bit_length(), MIN_COUNTS), MAX_COUNTS))
 
 
 @lru_cache(maxsize=8)
