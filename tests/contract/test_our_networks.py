@@ -1,4 +1,4 @@
-"""Our networks: their limits are the ideal network, messages are conserved, and each does what its page says."""
+"""Our networks: their limits are the ideal network, and each does what its page says."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from helpers.plain_reference import equals_plain
 from vibroswarm import networks
-from vibroswarm.analysis.message_log import LOST, OWN, MessageLog, message_log
 from vibroswarm.core.rng import ALONE, NETWORK
+from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.inference.replay import sent_messages
+from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.pose import pose
 from vibroswarm.networks import tree
 from vibroswarm.networks.loss_by_size import share_lost
@@ -56,68 +56,6 @@ def test_at_its_limit_a_network_is_ideal(
     assert not same(runs, replay(runs, over(control[0], **control[1])))
 
 
-@settings(
-    deadline=None,
-    max_examples=25,
-    derandomize=True,
-    database=None,
-    suppress_health_check=[HealthCheck.too_slow],
-)
-@given(
-    st.sampled_from(sorted(networks.names())),
-    st.integers(5, 10),
-    st.integers(0, 2**40),
-    st.sampled_from([7.0, 60.0, 130.0]),
-    st.sampled_from(["t_end", "all_decided"]),
-    st.data(),
-)
-def test_messages_are_conserved(
-    network: str, robots: int, seed: int, t_end_s: float, stop: str, data: st.DataObject
-) -> None:
-    """Sent = received + lost + not due, at every robot; what is received is counted by the kernels, independently."""
-    params: dict[str, dict[str, st.SearchStrategy[Any]]] = {
-        "loss": {"share": st.floats(0, 1)},
-        "range": {"range_m": st.floats(0.01, 2.0)},
-        "delay": {"fixed_s": st.floats(0, 200), "random_s": st.floats(0, 200)},
-        "bursts": {"bad_share": st.floats(0, 1), "bad_s": st.floats(0, 100), "lost_in_bad": st.floats(0, 1)},
-        "tree": {"frame_ms": st.floats(0, 1000), "retry_ms": st.floats(0, 1000)},
-    }
-    drawn = {name: data.draw(values) for name, values in params.get(network, {}).items()}
-    # A run that ends early needs a kernel for each network that is not a plain loss: `vibroswarm check` runs them.
-    stop = stop if network in ("ideal", "loss") else "t_end"
-    # So does a radio that dies, which kernels handle alike for all networks that deliver by themselves, as a tree does.
-    # Over a network that reads positions it is tested in test_faults.
-    may_die = network in ("ideal", "loss", "tree")
-    dead = data.draw(st.lists(st.integers(0, robots - 1), unique=True, max_size=3 * may_die))
-    faults = {"faults.radio_dead": dead, "faults.radio_dead_from_s": data.draw(st.floats(0, 150))}
-    scenario = over(network, robots=robots, **drawn).with_values(
-        {"run.t_end_s": t_end_s, "run.stop": stop, **(faults if dead else {})}
-    )
-    result = simulate(scenario, seed, [1], energies=False)
-    counts = message_log(result, 1).counts()
-    assert counts["sent"].to_list() == result.robots["sent"].to_list()
-    assert counts["received"].to_list() == result.robots["messages_received"].to_list()
-    others = counts["sent"].sum() - counts["sent"]
-    assert (counts["received"] + counts["lost"] + counts["not_due"]).to_list() == others.to_list()
-
-
-def test_a_radio_that_dies_as_a_message_arrives_does_not_hear_it() -> None:
-    """While its robot drives, and as it stops for a sample, in which it hears nothing."""
-    runs = simulate(over("ideal"), 3, 1, energies=False, moves=True)
-    robot_0 = runs.motion.filter(robot=0)
-    stop, sample = ((50.0 * robot_0[name]).round().to_numpy() for name in ("stop_start_s", "time_s"))
-    arrival = message_log(runs).arrival_tick[:, 0]
-    at_stop = int(np.flatnonzero(np.isin(stop, arrival))[1])
-    driving = [
-        tick for tick in arrival.tolist() if not ((stop <= tick) & (tick <= sample)).any() and tick > 0
-    ]
-    for tick in (driving[9], driving[9] + 1, stop[at_stop] + 1, sample[at_stop] + 1, sample[at_stop] + 2):
-        dead = {"faults.radio_dead": [0], "faults.radio_dead_from_s": 0.02 * tick}
-        result = replay(runs, over("ideal").with_values(dead))
-        counted = message_log(result).counts()["received"].to_list()
-        assert counted == result.robots["messages_received"].to_list(), tick
-
-
 @pytest.mark.parametrize("network", ["bursts", "delay", "loss_by_size", "range", "tree"])
 def test_kernels_do_what_plain_python_does(network: str) -> None:
     """Tick by tick, with the functions of the network uncompiled."""
@@ -126,21 +64,37 @@ def test_kernels_do_what_plain_python_does(network: str) -> None:
     assert list(equals_plain(scenario)) == []
 
 
-def logs(scenario: Scenario, runs: int, seed: int = 5) -> list[MessageLog]:
+def log_of(result: Result, run: int) -> SimpleNamespace:
+    """Sender, tick and ticks of arrival (-1: never) of a run's messages, and which are to others than the sender."""
+    parts = [getattr(result, name).filter(run=run) for name in ("motion", "ends", "observations")]
+    moves = None if result.moves is None else result.moves.filter(run=run)
+    timeline = timeline_of(result.scenario, Motion(samples=parts[0], ends=parts[1], moves=moves))
+    assert result.seed is not None
+    sender, tick, arrival = sent_messages(result.scenario, result.seed, timeline, parts[2])
+    to_others = sender[:, None] != np.arange(arrival.shape[1])
+    return SimpleNamespace(sender=sender, tick=tick, arrival_tick=arrival, to_others=to_others)
+
+
+def logs(scenario: Scenario, runs: int, seed: int = 5) -> list[SimpleNamespace]:
     result = simulate(scenario, seed, runs, energies=False)
-    return [message_log(result, run) for run in range(runs)]
+    return [log_of(result, run) for run in range(runs)]
+
+
+def share_lost_in(found: list[SimpleNamespace]) -> float:
+    lost = [(log.arrival_tick < 0)[log.to_others] for log in found]
+    return float(np.concatenate(lost).mean())
 
 
 def test_who_is_in_range_hears() -> None:
     """Brute force: distances between the poses of another table, which differ by millimetres while robots turn."""
     result = simulate(over("range", range_m=0.4), 5, 1, poses=True)
-    log = message_log(result)
+    log = log_of(result, 0)
     assert result.poses is not None
     checked = 0
     for k in range(0, log.sender.size, 3):
         places = np.array([pose(result.poses, 0, i, 0.02 * int(log.tick[k]))[:2] for i in range(5)])
         distance = np.hypot(*(places - places[log.sender[k]]).T)
-        clear = (np.abs(distance - 0.4) > 0.008) & (log.state[k] != OWN)
+        clear = (np.abs(distance - 0.4) > 0.008) & log.to_others[k]
         assert ((log.arrival_tick[k] >= 0) == (distance < 0.4))[clear].all()
         checked += int(clear.sum())
     assert checked > 150
@@ -150,7 +104,7 @@ def test_delays_are_fixed_and_exponential() -> None:
     # At least one tick; 0.14 s / 0.02 s is above 7 by rounding.
     for fixed_s, ticks in ((2.0, 100), (0.14, 7), (0.0, 1)):
         (fixed,) = logs(over("delay", fixed_s=fixed_s, random_s=0.0), 1)
-        assert np.unique((fixed.arrival_tick - fixed.tick[:, None])[fixed.state != OWN]).tolist() == [ticks]
+        assert np.unique((fixed.arrival_tick - fixed.tick[:, None])[fixed.to_others]).tolist() == [ticks]
     drawn = logs(over("delay", fixed_s=2.0, random_s=3.0), 8)
     found = [log.arrival_tick - log.tick[:, None] for log in drawn]
     apart = [row[row >= 0] for row in found[0]]  # each receiver has its own delay
@@ -184,9 +138,9 @@ def test_loss_by_size_is_the_fit_of_the_published_shares() -> None:
 def test_so_much_is_lost(robots: int) -> None:
     by_size, by_share = over("loss_by_size", robots=robots), over("loss", robots=robots, share=0.3)
     for scenario, share in ((by_size, share_lost(robots)), (by_share, 0.3)):
-        states = np.concatenate([log.state.ravel() for log in logs(scenario, 10)])
-        count, lost = int((states != OWN).sum()), int((states == LOST).sum())
-        assert abs(lost - share * count) < 4.0 * math.sqrt(count * share * (1 - share))
+        found = logs(scenario, 10)
+        count = sum(int(log.to_others.sum()) for log in found)
+        assert abs(share_lost_in(found) - share) < 4.0 * math.sqrt(share * (1 - share) / count)
 
 
 def lost_in_order(scenario: Scenario, runs: int) -> list[np.ndarray[Any, Any]]:
@@ -194,7 +148,7 @@ def lost_in_order(scenario: Scenario, runs: int) -> list[np.ndarray[Any, Any]]:
     return [
         log.arrival_tick[log.sender != i, i] < 0
         for log in logs(scenario, runs)
-        for i in range(log.state.shape[1])
+        for i in range(log.arrival_tick.shape[1])
     ]
 
 
@@ -308,8 +262,7 @@ def test_the_tree_loses_by_default_what_is_stated(robots: int, stated: float) ->
         {"network.name": "tree", "swarm.robots": robots, "run.t_end_s": 1000.0}
     )
     result = simulate(scenario, 2, 12, energies=False, moves=True)
-    states = [message_log(result, run).state for run in range(12)]
-    by_run = np.array([(state == LOST).sum() / (state != OWN).sum() for state in states])
+    by_run = np.array([share_lost_in([log_of(result, run)]) for run in range(12)])
     error = by_run.std(ddof=1) / math.sqrt(by_run.size)
     assert abs(by_run.mean() - stated) < 3.0 * error + 0.0005  # stated to a tenth of a percent
     assert abs(by_run.mean() - {5: 0.009, 10: 0.090}[robots]) > 4.0 * error  # the control
@@ -318,10 +271,7 @@ def test_the_tree_loses_by_default_what_is_stated(robots: int, stated: float) ->
 def test_load_is_what_loses_messages_in_a_tree() -> None:
     shares = []
     for frame_ms in (0.0, 1.0, 4.0):
-        states = np.concatenate(
-            [log.state.ravel() for log in logs(over("tree", robots=10, frame_ms=frame_ms), 3)]
-        )
-        shares.append((states == LOST).sum() / (states != OWN).sum())
+        shares.append(share_lost_in(logs(over("tree", robots=10, frame_ms=frame_ms), 3)))
     assert shares[0] == 0.0 < shares[1] < shares[2]
 
 

@@ -1,4 +1,4 @@
-"""Whether it can be decided at all: by hand, by simulation, and what would mend it."""
+"""Whether it can be decided at all: by hand, and by simulation."""
 
 from __future__ import annotations
 
@@ -6,18 +6,13 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import stats
 
 from vibroswarm.analysis.decidability import (
     decidability,
     decidability_of_share,
-    expected_share,
-    mending_thresholds,
     observed_share,
     samples_needed,
-    samples_needed_of_kinds,
 )
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.verdict import verdict
@@ -42,7 +37,6 @@ def test_the_paper_can_be_decided_and_with_how_many_samples() -> None:
     assert d.verdict == "decidable"
     assert d.share == pytest.approx(0.48 * (1 - b) + 0.52 * a)
     assert d.margin == pytest.approx(0.5 - d.share)
-    assert d.mending_low < 1.33 < d.mending_high
     assert d.samples_needed > 3000  # three runs of five robots: it is a hard floor
     json.dumps(d.as_dict(), allow_nan=False)
 
@@ -52,15 +46,8 @@ def test_the_printed_threshold_decides_more_than_half_wrongly() -> None:
     assert d.verdict == "wrong side"
     assert d.share < 0.5
     assert "more samples make the wrong answer more certain" in d.says
-    assert "A threshold between" in d.says
-    mended = at(sensor__rms_threshold=(d.mending_low + d.mending_high) / 2, floor__source="random:0.52")
-    assert mended.verdict == "decidable"
     became = {"floor__source": "random:0.48", "change__at_s": 900.0, "change__to": "random:0.52"}
     assert at(sensor__rms_threshold=1.55, **became).says == f"Floor at the end: {d.says}"
-    # At 1.55 less than half is right, but only because everything leans that way.
-    lean = at(sensor__rms_threshold=1.55)
-    assert lean.verdict == "decidable"
-    assert "mirror image" in lean.says
 
 
 def test_robots_that_weigh_readings_by_error_rates_are_not_misled_by_the_share_of_ones() -> None:
@@ -69,22 +56,14 @@ def test_robots_that_weigh_readings_by_error_rates_are_not_misled_by_the_share_o
     assert at(**asked, strategy__name="none").verdict == "wrong side"
     knowing = at(**asked, strategy__name="places")
     assert (knowing.verdict, knowing.is_warning) == ("not assessed", False)
-    assert "weigh each reading by the sensor's error rates" in knowing.says
     wrong = {"decision__assumed_false_positive": 0.05, "decision__assumed_false_negative": 0.6}
     assumed = at(strategy__name="places", floor__source="random:0.4", decision__boundary_of="tiles", **wrong)
     assert assumed.is_warning, "they weigh by rates that the sensor does not have"
 
 
-def test_no_threshold_mends_labels_that_are_swapped() -> None:
-    d = decidability(preset("text"))
-    assert (d.mending_low, d.mending_high) == (None, None)
-    assert "No threshold helps" in d.says
-
-
 def test_on_the_boundary_neither_is_right() -> None:
     d = at(floor__source="random:0.48", decision__decision_boundary=0.48)
     assert (d.verdict, d.truth, d.margin, d.samples_needed) == ("on the boundary", None, None, None)
-    assert "errors balance at a threshold of 1.3" in d.says
 
 
 def test_off_the_tiles_robots_read_as_on_still_ones() -> None:
@@ -92,7 +71,7 @@ def test_off_the_tiles_robots_read_as_on_still_ones() -> None:
         0.2 * 0.5
     )
     d = at(floor__source="stripe:0.48", floor__tile_width_m=0.05, floor__tile_height_m=0.05)
-    assert d.share == pytest.approx(expected_share(PAPER.sensor, 0.48, 0.25))
+    assert d.share == pytest.approx(0.25 * at().share + 0.75 * error_rates(PAPER.sensor)[0])
     assert d.share < 0.3
 
 
@@ -116,9 +95,6 @@ def test_vibration_across_edges_counts() -> None:
     assert d.share > at(floor__source="diagonal:0.48").share + 0.01
     result = simulate(scenario, 3, 1)
     assert verdict(result).share_of_ones_expected == pytest.approx(d.share, abs=1e-6)
-    # A higher threshold mends what spills over, for this floor and its mirror alike.
-    assert d.mending_low is not None
-    assert d.mending_low > (at(floor__source="diagonal:0.48").mending_low or 0.0)
 
 
 def test_ones_are_expected_of_each_stage_for_as_long_as_it_lasts() -> None:
@@ -129,50 +105,6 @@ def test_ones_are_expected_of_each_stage_for_as_long_as_it_lasts() -> None:
     felt = 0.3 * 0.24 + 0.7 * 0.76
     expected = felt * (1.0 - negative) + (1.0 - felt) * positive
     assert verdict(simulate(scenario, 3, 1)).share_of_ones_expected == pytest.approx(expected)
-
-
-@settings(deadline=None, max_examples=40)
-@given(st.floats(0.1, 0.9), st.floats(0.1, 0.9), st.floats(0.01, 0.99))
-def test_inside_the_mending_range_both_sides_are_right_and_outside_one_is_not(
-    fill: float, boundary: float, place: float
-) -> None:
-    mirror = min(max(2 * boundary - fill, 0.0), 1.0)
-    if abs(fill - boundary) < 1e-3:
-        return
-    low, high = mending_thresholds(PAPER.sensor, fill, boundary)
-
-    def right(theta: float) -> list[bool]:
-        sensor = PAPER.sensor.model_copy(update={"rms_threshold": theta})
-        return [(expected_share(sensor, f) > boundary) == (f > boundary) for f in (fill, mirror)]
-
-    assert all(right(low + place * (high - low)))
-    assert not all(right(low * 0.98))
-    assert not all(right(high * 1.02))
-
-
-def test_with_measured_energies() -> None:
-    sensor = PAPER.sensor.model_copy(
-        update={
-            "model": "energies",
-            "still_energies": (0.1, 0.4, 0.8, 1.6),
-            "vibrating_energies": (0.6, 1.5, 2.0, 3.0),
-        }
-    )
-    low, high = mending_thresholds(sensor, 0.4, 0.5)
-    assert (low, high) == pytest.approx((0.8, 1.5))  # .4 reads as .45 from .8 on, .6 as .4 from 1.5 on
-
-
-@pytest.mark.parametrize(
-    "shares", [(0.4, 0.36, 0.24), (0.3, 0.3, 0.4), (0.2, 0.35, 0.25, 0.2), (0.55, 0.45, 0.0)]
-)
-def test_samples_needed_of_kinds_are_those_of_drawn_readings(shares):
-    kind = int(np.argmax(shares))
-    needed = samples_needed_of_kinds(shares, kind)
-    for n, low, high in ((needed, 0.045, 0.053), (2 * needed, 0.0, 0.025)):  # the second is a control
-        counts = np.random.default_rng(n).multinomial(n, shares, size=40_000)
-        wrong = np.mean(counts[:, kind] <= np.delete(counts, kind, axis=1).max(axis=1))
-        assert low < wrong < high
-    assert samples_needed_of_kinds((0.4, 0.4, 0.2), 0) is None
 
 
 def test_samples_needed_by_brute_force() -> None:
@@ -194,8 +126,6 @@ def test_samples_needed_by_brute_force() -> None:
     near, nearer = samples_needed(0.501, 0.5), samples_needed(0.5001, 0.5)
     assert near == pytest.approx((stats.norm.isf(0.05) * 0.5 / 0.001) ** 2, rel=0.01)
     assert nearer > 90 * near
-    with pytest.raises(InputError, match="error"):
-        samples_needed(0.6, 0.5, 0.5)
 
 
 def test_a_measured_share_near_the_boundary_cannot_be_told_from_it() -> None:
@@ -207,27 +137,15 @@ def test_a_measured_share_near_the_boundary_cannot_be_told_from_it() -> None:
         assert d.verdict == "indistinguishable from the boundary"
         assert d.share_low < 0.5 < d.share_high
     assert decidability_of_share(0.44, 0.5, 0, effective_samples=1500).verdict == "decidable"
-    with pytest.raises(InputError, match="share"):
-        decidability_of_share(48, 0.5, 0)
 
 
-def test_an_observed_share_counts_tiles_alike_and_knows_its_error() -> None:
+def test_an_observed_share_counts_tiles_alike() -> None:
     random = generator(8, "tiles")
     rates = random.beta(1.0, 1.0, 25)
-    number = (20 + 150 * rates).astype(int)
-    tile = np.repeat(np.arange(25), number)
-    found = [observed_share(tile, random.random(tile.size) < rates[tile]) for _ in range(500)]
-    shares = np.array([f.share for f in found])
-    assert shares.mean() == pytest.approx(rates.mean(), abs=0.003)
-    assert shares.std() == pytest.approx(np.mean([f.standard_error for f in found]), rel=0.12)
-    plain = np.mean([(random.random(tile.size) < rates[tile]).mean() for _ in range(100)])
-    assert abs(plain - rates.mean()) > 0.01  # uneven visits: the plain share is another thing
-    held = [
-        f.share - 1.96 * f.standard_error < rates.mean() < f.share + 1.96 * f.standard_error for f in found
-    ]
-    assert 0.92 <= np.mean(held) <= 0.98
-    none = observed_share([-1], [1])
-    assert (none.tiles, none.effective_samples) == (0, 0.0)
+    tile = np.repeat(np.arange(25), (20 + 150 * rates).astype(int))
+    drawn = [random.random(tile.size) < rates[tile] for _ in range(200)]
+    assert np.mean([observed_share(tile, bits) for bits in drawn]) == pytest.approx(rates.mean(), abs=0.005)
+    assert abs(np.mean(drawn) - rates.mean()) > 0.01  # uneven visits: the plain share is another thing
 
 
 def test_a_floor_outside_the_arena_is_refused() -> None:

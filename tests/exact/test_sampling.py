@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 
 import numpy as np
 import polars as pl
@@ -16,15 +15,12 @@ from scipy import stats
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.sampling import (
     WALK,
-    correlogram,
     effective_samples,
     effective_with_sensor,
-    lag_one,
     packet_loss,
     walk_figures,
 )
 from vibroswarm.calibrate.message_loss import windows_of
-from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import SHARES
 from vibroswarm.motion.motion_tables import MOTION
 from vibroswarm.observation.energy_model import error_rates
@@ -56,7 +52,7 @@ def tables(
     )
 
 
-def test_tables_that_do_not_fit_are_refused() -> None:
+def test_tiles_are_those_visited_if_none_are_stated() -> None:
     motion, observations = tables(
         [
             (0, 0, 5.0, 0.0, 0.0, 1.0, 0, 1),
@@ -70,10 +66,6 @@ def test_tables_that_do_not_fit_are_refused() -> None:
     assert by_tiles_visited[1] == {"run": 2, "samples": 1, "ones": 1.0} | dict.fromkeys(
         ("avoid_per_sample_s", "distance_m", "spacing_s", "effective_samples", *SHARES)
     )
-    with pytest.raises(InputError, match="tile 3 was sampled"):
-        walk_figures(motion, observations, tiles=3)
-    with pytest.raises(ValueError, match="must have the same rows"):
-        walk_figures(motion, observations.head(2))
 
 
 def test_no_samples_at_all() -> None:
@@ -184,69 +176,6 @@ def test_no_figure_depends_on_the_runs_beside_it(paper: Result) -> None:
         chosen = pl.col("run").is_in(some)
         part = walk_figures(paper.motion.filter(chosen), paper.observations.filter(chosen))
         assert part.equals(whole.filter(chosen))
-
-
-def test_it_costs_little(paper: Result) -> None:
-    times = []
-    for _ in range(7):
-        began = time.process_time()
-        walk_figures(paper.motion, paper.observations, 25)
-        times.append(time.process_time() - began)
-    assert min(times) / 250 < 0.2e-3  # measured: 0.026 ms a run
-
-
-def test_correlogram_by_plain_loops() -> None:
-    result = simulate(preset("paper").with_values({"run.t_end_s": 200.0}), 2, 3, energies=False)
-    frame = correlogram(result, [0.0, 0.1, 0.4, 3.0])
-    by_run = []
-    for run in range(3):
-        of_run = result.motion["run"] == run
-        x, y = (result.motion.filter(of_run)[name].to_numpy() for name in ("x_m", "y_m"))
-        o = result.observations.filter(of_run)["observation"].to_numpy().astype(float)
-        d = o - o.mean()
-        far = np.hypot(x[:, None] - x, y[:, None] - y)
-        both = np.outer(d, d)
-        upper = np.triu(np.ones_like(far, bool), 1)
-        by_run.append(
-            [
-                both[upper & (far >= a) & (far < b)].mean() / (d @ d / d.size)
-                for a, b in ((0, 0.1), (0.1, 0.4))
-            ]
-        )
-    np.testing.assert_allclose(frame["correlation"][:2], np.mean(by_run, axis=0), atol=1e-12)
-    n = result.motion.group_by("run").len()["len"].to_numpy().astype(float)
-    assert frame["pairs"].sum() == pytest.approx((n * (n - 1) / 2).mean())
-
-
-def test_near_samples_are_alike_and_far_ones_are_not() -> None:
-    result = simulate(preset("paper").with_values({"floor.source": "diagonal:0.48"}), 2, 5, energies=False)
-    tiles, bits = correlogram(result, of="tiles"), correlogram(result)
-    assert tiles["correlation"][0] > 0.8
-    assert (
-        0.3 < bits["correlation"][0] < tiles["correlation"][0] - 0.2
-    )  # the sensor's noise is alike to nothing
-    assert lag_one(result).low > 0.2
-    shuffled = Result(
-        **{
-            **result.__dict__,
-            "observations": result.observations.with_columns(pl.col("observation").shuffle(seed=1)),
-        }
-    )
-    assert abs(correlogram(shuffled)["correlation"][0]) < 0.05  # negative control
-    assert abs(lag_one(shuffled).estimate) < 0.05
-    with pytest.raises(InputError, match="increase"):
-        correlogram(result, [0.1, 0.1])
-    with pytest.raises(InputError, match="choices: bits, tiles"):
-        correlogram(result, of="energies")  # type: ignore[arg-type]
-
-
-def test_numbers_of_classes_do_not_matter_for_what_consecutive_samples_read() -> None:
-    three = {"sensor.model": "confusion", "strategy.name": "dirichlet", "task.name": "majority"}
-    result = simulate(preset("paper").with_values({**three, "floor.source": "random:0.4,0.36,0.24"}), 2, 3)
-    turned = pl.col("observation").replace_strict({0: 2, 1: 0, 2: 1}, return_dtype=pl.UInt8)
-    renamed = Result(**{**vars(result), "observations": result.observations.with_columns(turned)})
-    assert lag_one(renamed).estimate == pytest.approx(lag_one(result).estimate, abs=1e-12)
-    assert lag_one(result).estimate > 0.05
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.09])

@@ -63,7 +63,6 @@ AGREEMENTS: Final[dict[str, Any]] = {"run": pl.UInt32, "holds": pl.Boolean}
 still agree with it at the end of the run."""
 NO_AGREEMENTS: Final = pl.DataFrame(schema=AGREEMENTS)
 """Of decisions that are final."""
-_KEY: Final = ("run", "robot")
 
 
 def may_change(scenario: Scenario) -> bool:
@@ -93,50 +92,6 @@ def agreements_of(swarm: Swarm, runs: range) -> pl.DataFrame:
     holds = ((opinion == decision) | ~works).all(axis=1)
     numbers = np.arange(runs.start, runs.stop)
     return pl.DataFrame({"run": numbers[agreed], "holds": holds[agreed]}, schema=AGREEMENTS)
-
-
-def _counted(result: Result) -> pl.DataFrame:
-    """Return run, robot and decision of each robot, and whether its opinion ``counts``: those with faults do not.
-
-    If all robots of a run have faults, all of them count.
-    """
-    rows = result.robots.select(*_KEY, "decision")
-    if result.faults is None:
-        return rows.with_columns(counts=pl.lit(True))
-    faulty = result.faults.select(_KEY).unique().with_columns(counts=pl.lit(False))
-    rows = rows.join(faulty, on=_KEY, how="left").with_columns(pl.col("counts").fill_null(True))
-    return rows.with_columns(counts=pl.col("counts") | ~pl.col("counts").any().over("run"))
-
-
-class Agreement(NamedTuple):
-    """A span of time in which all robots that count had the same opinion, by their samples."""
-
-    answer: int
-    """The opinion: 0 or 1."""
-    since_s: float
-    """Time of the sample with which the last of them came to agree."""
-    until_s: float | None
-    """Time of the sample with which the first of them left; None: it lasted to the end of the run."""
-
-
-def agreements_over_time(result: Result, run: int) -> list[Agreement]:
-    """Return when the opinions of a run's robots agreed, in order of time; empty if decisions are not logged."""
-    of_run = pl.col("run") == run
-    counted = _counted(result).filter(of_run & pl.col("counts"))["robot"].to_list()
-    key = [*_KEY, "sample"]
-    opinions = result.inference.filter(of_run).select(*key, "decision").drop_nulls("decision")
-    before = pl.col("decision").shift(1, fill_value=-1).over("robot", order_by="sample")
-    changes = opinions.filter(pl.col("decision") != before, pl.col("robot").is_in(counted))
-    timed = changes.join(result.motion.select(*key, "time_s"), on=key, how="left").sort("time_s", "robot")
-    spans: list[Agreement] = []
-    opinion = dict.fromkeys(counted, -1)
-    for robot, new, time_s in timed.select("robot", "decision", "time_s").iter_rows():
-        opinion[robot] = new
-        if spans and spans[-1].until_s is None:  # they agreed until now
-            spans[-1] = spans[-1]._replace(until_s=time_s)
-        if new != -1 and set(opinion.values()) == {new}:
-            spans.append(Agreement(new, time_s, None))
-    return spans
 
 
 JUDGED: Final = (
@@ -294,21 +249,11 @@ def _delay_s(course: Course) -> float:
     """Return the mean delay of the swarm's new answer over changes to another truth; nan without one to notice."""
     delays = []
     for since_s, end_s, truth in course.truth.spans(course.end_s)[1:]:
-        if not math.isnan(truth) and _answer_before(course, since_s) != truth:
-            delays.append(_first_time(course.swarm, truth, since_s, end_s) - since_s)
+        before = [course.presumed, *(one.answer for one in course.swarm if one.since_s < since_s)]
+        if not math.isnan(truth) and before[-1] != truth:
+            again = (one.since_s for one in course.swarm if one.answer == truth and one.since_s >= since_s)
+            delays.append(min(next(again, end_s), end_s) - since_s)
     return float(np.mean(delays)) if delays else math.nan
-
-
-def _answer_before(course: Course, time_s: float) -> int | None:
-    """Return the swarm's answer just before a time."""
-    before = [one.answer for one in course.swarm if one.since_s < time_s]
-    return before[-1] if before else course.presumed
-
-
-def _first_time(swarm: list[Answer], truth: float, since_s: float, end_s: float) -> float:
-    """Return the first time from ``since_s`` on at which the swarm comes to the answer ``truth``; at most ``end_s``."""
-    times_s = (one.since_s for one in swarm if since_s <= one.since_s < end_s and one.answer == truth)
-    return next(times_s, end_s)
 
 
 def _false_changes(course: Course) -> int:
@@ -398,13 +343,3 @@ def answers_in(result: Result) -> pl.DataFrame:
     ends = result.runs.filter(pl.col("run").is_in(runs)).sort("run")["end_s"].to_numpy()
     floors = {run: result.floor(run) for run in runs}
     return answers_table(result.scenario, result.seed, floors, columns, ends)
-
-
-def swarm_answers(result: Result, run: int) -> list[Answer]:
-    """Return the swarm's answers in a run, and since when it gave each; empty if it never agreed."""
-    rows = result.motion.filter(pl.col("run") == run)
-    decision = result.inference.filter(pl.col("run") == run)["decision"].to_numpy()
-    counts = _counting(result.scenario, result.seed, [run])[0]
-    end_s = float(result.runs.filter(pl.col("run") == run)["end_s"][0])
-    columns = (rows["robot"].to_numpy(), rows["time_s"].to_numpy(), decision)
-    return course_of(result.scenario, result.floor(run), *columns, counts, end_s).swarm

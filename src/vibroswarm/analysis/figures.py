@@ -5,9 +5,9 @@ interval that treats the run as the independent unit:
 
 | kind | figure of a cell | interval |
 |---|---|---|
-| mean | mean over the runs that have the figure | Student's t; those of a share are clipped to [0, 1] |
+| mean | mean over the runs that have the figure | Student's t, within what a mean can be |
 | runs | share of the runs, of those that have the figure, in which it is 1 and not 0 | Wilson |
-| robots | sum of a number of robots over runs / sum of another | cluster bootstrap over runs |
+| robots | sum of a number of robots over runs / sum of another | Wilson, with an effective number of robots |
 | median | median over runs; a run without the figure counts as infinitely late | order statistics |
 
 Columns of the table of figures by run that are no figures of a cell themselves are numbers of robots: ``robots``, and
@@ -29,15 +29,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.intervals import (
     Interval,
-    allowing_for_rare,
+    bounded_mean,
     cluster_share,
-    mean_interval,
     quantile_interval,
     rate_interval,
-    share_interval,
-    time_interval,
     wilson,
-    within,
 )
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import (
@@ -117,12 +113,8 @@ class Swarms:
             t_end_s: end of a run, s. agreements: ``analysis.answers_over_time.AGREEMENTS``; None: decisions are final.
             costs: of the cell's scenario, ``outcomes.costs_of``.
         Raises:
-            InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
+            InputError: the tables have different runs, or a run occurs twice.
         """
-        if not t_end_s > 0:
-            raise InputError(
-                f"{t_end_s!r} cannot be the end of a run; give a time above 0, s", field="t_end_s"
-            )
         robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
         runs = runs.sort("run")
         number = robots["run"].to_numpy()
@@ -323,11 +315,9 @@ class RunFigure:
                 known, then limits of times may be later.
         """
         if self.is_share:
-            return share_interval(by_run, level)
-        if self.unit == "s" and self.least == 0.0:
-            return time_interval(by_run, t_end_s, level)
-        found = allowing_for_rare(mean_interval(by_run, level), by_run, self.most_apart)
-        return within(found, self.least, self.most)
+            return bounded_mean(by_run, 0.0, 1.0, level)
+        is_time = self.unit == "s" and self.least == 0.0
+        return bounded_mean(by_run, self.least, t_end_s if is_time else self.most, level)
 
 
 def _mean_of(column: str) -> Callable[[Swarms], Array]:
@@ -366,23 +356,17 @@ def _forced_error(swarms: Swarms) -> Array:
     return swarms.mean(forced_errors(swarms.robots["decision"], in_truth, truth, costs))
 
 
-def _agreed_on(answer: int) -> Callable[[Swarms], Array]:
+def _agreed_on(chosen: Callable[[Array], Array]) -> Callable[[Swarms], Array]:
+    """Return whether all robots decided alike, on one of the chosen answers."""
+
     def of_run(swarms: Swarms) -> Array:
         decision = swarms.robots["decision"]
+        first = decision[swarms.first]
+        agreed = swarms.sum(1.0 * (decision == swarms.by_robot(first))) == swarms.count
         # The sum is nan if the decision of a robot is not logged.
-        unknown = np.isnan(swarms.sum(decision))
-        return np.where(unknown, np.nan, swarms.sum(1.0 * (decision == answer)) == swarms.count)
+        return np.where(np.isnan(swarms.sum(decision)), np.nan, agreed & chosen(first))
 
     return of_run
-
-
-def _agreed_on_other(swarms: Swarms) -> Array:
-    """Return whether all agreed on an answer beyond 0 and 1, of which tasks of several kinds have some."""
-    decision = swarms.robots["decision"]
-    agreed = 0.0 * swarms.sum(decision)  # nan if the decision of a robot is not logged
-    for answer in np.unique(decision[decision > 1]).tolist():
-        agreed += _agreed_on(answer)(swarms)
-    return agreed
 
 
 def _share(counted: str, among: str) -> Callable[[Swarms], Array]:
@@ -496,9 +480,9 @@ FIGURES: Final = (
         unit="s",
         column="consensus_time_s",
     ),
-    RunFigure("agreed_on_0", "agreed on answer 0", _agreed_on(0), "runs"),
-    RunFigure("agreed_on_1", "agreed on answer 1", _agreed_on(1), "runs"),
-    RunFigure("agreed_on_other", "agreed on another answer", _agreed_on_other, "runs"),
+    RunFigure("agreed_on_0", "agreed on answer 0", _agreed_on(lambda answer: answer == 0), "runs"),
+    RunFigure("agreed_on_1", "agreed on answer 1", _agreed_on(lambda answer: answer == 1), "runs"),
+    RunFigure("agreed_on_other", "agreed on another answer", _agreed_on(lambda answer: answer > 1), "runs"),
     RunFigure(
         "agreement_lasted", "lasted", lambda s: s.runs["agreement_held"], "runs", column="agreement_held"
     ),
@@ -602,7 +586,7 @@ def run_figures(
         costs: of the cell's scenario, ``outcomes.costs_of``; None: two answers, mistakes that cost the same.
     Returns: run, truth, consensus, numbers of robots, and a column for each figure; null where a run does not have it.
     Raises:
-        InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
+        InputError: the tables have different runs, or a run occurs twice.
     """
     swarms = Swarms.of_tables(robots, runs, t_end_s, agreements, costs)
     return figures_table(swarms, runs.sort("run").select("run", "truth", "consensus"))
@@ -629,21 +613,20 @@ def interval(
     name: str,
     by_run: Mapping[str, NDArray[Any]],
     level: float = 0.95,
-    seed: int = 0,
     t_end_s: float = math.nan,
 ) -> Interval:
     """Compute a figure of a cell, with its limits, from the figures of its runs.
 
     Args:
         name: of the figure. by_run: columns of ``figures_of``, (runs,) each, nan where a run does not have a figure.
-        level: confidence level. seed: seed of the bootstrap. t_end_s: the end of a run, s, which rates of events and
+        level: confidence level. t_end_s: the end of a run, s, which rates of events and
             limits of times need.
     """
     figure = BY_NAME[name]
     if figure.kind == "robots":
         count, of = (by_run[column] for column in figure.counted)
         known = ~np.isnan(count)
-        return cluster_share(count[known], of[known], level, seed)
+        return cluster_share(count[known], of[known], level)
     values = by_run[figure.by_run]
     if figure.kind == "mean":
         return figure.mean(values, level, t_end_s)
@@ -652,7 +635,7 @@ def interval(
     known = ~np.isnan(values)
     if figure.kind == "share":
         robots = by_run[STATED]  # only these have an interval that may hold the number
-        return cluster_share(np.rint(values * robots)[known], robots[known], level, seed)
+        return cluster_share(np.rint(values * robots)[known], robots[known], level)
     if figure.kind == "median":
         return quantile_interval(np.where(known, values, math.inf), 0.5, level)
     return wilson(int(values[known].sum()), int(known.sum()), level)

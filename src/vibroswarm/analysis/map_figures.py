@@ -41,10 +41,9 @@ from numpy.typing import NDArray
 from vibroswarm import strategies
 from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.core.jit import read_only
-from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import Swarm
-from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.outcomes import fills_and_truth
 from vibroswarm.inference.replay import classes_and_values, replay_to_end
 from vibroswarm.inference.reports import beliefs_of
@@ -152,25 +151,30 @@ def floor_maps(result: Result) -> pl.DataFrame:
     Results do not hold maps, so the strategy is replayed.
 
     Args:
-        result: of a strategy in ``WITH_MAP``, simulated to its end.
-    Raises:
-        InputError: another strategy, a recording, or a result without the moves that estimated places need.
+        result: simulated to its end, of a strategy in ``WITH_MAP``.
     """
-    seed = _check_maps(result)
-    scenario = result.scenario
+    scenario, robots = result.scenario, result.scenario.swarm.robots
     timeline = timeline_of(scenario, Motion(samples=result.motion, ends=result.ends, moves=result.moves))
-    robots, runs = scenario.swarm.robots, timeline.rows.runs.tolist()
-    by_robot, pooled = beliefs_of(
-        replay_to_end(scenario, seed, timeline, *classes_and_values(result.observations)).arrays,
-        len(runs),
-        robots,
-    )
-    frames = []
+    runs = timeline.rows.runs.tolist()
+    maps = _maps_at_end(result, timeline, len(runs), *classes_and_values(result.observations))
     ends_s = dict(result.runs.select("run", "end_s").iter_rows())
-    for r, run in enumerate(runs):
+    frames = []
+    for own, run in zip(maps, runs, strict=True):
         tiles = result.floor(run).at(ends_s[run]).tiles
-        frames += [_frame(run, i, by_robot[r, i], tiles) for i in range(robots)]
-        frames.append(_frame(run, robot=None, belief=pooled[r], tiles=tiles))
+        row, column = np.indices(tiles.shape)
+        of_tiles = pl.DataFrame({"row": row.ravel(), "column": column.ravel(), "vibrates": tiles.ravel()})
+        for robot, belief in zip([*range(robots), None], own, strict=True):
+            frames.append(
+                of_tiles.select(
+                    pl.lit(run).alias("run"),
+                    pl.lit(robot).alias("robot"),
+                    "row",
+                    "column",
+                    pl.Series("vibrating", belief),
+                    pl.Series("spread", np.sqrt(belief * (1.0 - belief))),
+                    "vibrates",
+                ).cast(MAPS)  # type: ignore[arg-type]
+            )
     return pl.concat(frames)
 
 
@@ -178,79 +182,40 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
     """Return the maps of one run at several times.
 
     Args:
-        result: of a strategy in ``WITH_MAP``, simulated to its end. run: number of a run of this result. time_s: times
+        result: simulated to its end, of a strategy in ``WITH_MAP``. run: number of a run of this result. time_s: times
             of the maps, s, (times,).
     Returns: beliefs that each tile vibrates, (times, robots + 1, tiles); the last entry of axis 1 is the pooled map.
-    Raises:
-        InputError: another strategy, a recording, a result without the moves that estimated places need, or no run of
-            this number.
     """
-    seed = _check_maps(result)
-    scenario, robots = result.scenario, result.scenario.swarm.robots
-    tiles = result.floor(run).tiles.size
-    of_run = pl.col("run") == run
-    samples, ends = result.motion.filter(of_run), result.ends.filter(of_run)
-    moves = None if result.moves is None else result.moves.filter(of_run)
-    observation, energy = classes_and_values(result.observations.filter(of_run))
+    scenario = result.scenario
+    samples, ends = result.motion.filter(run=run), result.ends.filter(run=run)
+    moves = None if result.moves is None else result.moves.filter(run=run)
+    observation, energy = classes_and_values(result.observations.filter(run=run))
     whole = timeline_of(scenario, Motion(samples=samples, ends=ends, moves=moves))
     # An estimated place depends on the past alone, so the estimates of the whole run hold at each time too.
-    estimates = whole.estimates(scenario, seed)
-    taken_s, maps = samples["time_s"].to_numpy(), []
+    estimates = whole.estimates(scenario, result.seed or 0)
+    taken_s = samples["time_s"].to_numpy()
+    maps = np.empty((len(time_s), scenario.swarm.robots + 1, result.floor(run).tiles.size))
     # The map at a time is the final map of a replay with only the samples taken by then.
-    for now_s in time_s:
+    for now, now_s in zip(maps, time_s, strict=True):
         taken = taken_s <= now_s
         so_far = timeline_of(scenario, Motion(samples=samples.filter(taken), ends=ends, moves=moves))
-        if estimates.size:  # it is empty if robots know their true places
-            # The shortened timeline gets the estimates in its cache, so that it does not compute them again.
-            cache: dict[Any, NDArray[np.float64]] = {
-                estimates_key(scenario, seed): read_only(estimates[taken])
-            }
-            so_far = replace(so_far, _estimates=cache)
+        if estimates.size:  # it is empty if robots know their true places; else they are not computed again
+            key = estimates_key(scenario, result.seed or 0)
+            so_far = replace(so_far, _estimates={key: read_only(estimates[taken])})
         energy_so_far = None if energy is None else energy[taken]
-        swarm = replay_to_end(scenario, seed, so_far, read_only(observation[taken]), energy_so_far)
-        by_robot, pooled = beliefs_of(swarm.arrays, runs=1, robots=robots)
-        maps.append(np.concatenate([by_robot[0], pooled]))
-    return np.array(maps).reshape(len(time_s), robots + 1, tiles)
+        now[:] = _maps_at_end(result, so_far, 1, read_only(observation[taken]), energy_so_far)[0]
+    return maps
 
 
-def _check_maps(result: Result) -> int:
-    """Check that the robots of a result keep maps that can be recomputed, and return the result's seed.
-
-    Raises:
-        InputError: the strategy keeps no map, or the result is a recording.
-    """
-    if not keeps_floor_map(result.scenario):
-        raise InputError(
-            f"'{result.scenario.strategy.name}' keeps no map of what vibrates; {' and '.join(WITH_MAP)} do",
-            field="strategy.name",
-        )
-    if result.seed is None:
-        raise InputError(
-            "is a recording, whose maps cannot be recomputed; give a simulated result", field="result"
-        )
-    return result.seed
-
-
-def _frame(
-    run: int, robot: int | None, belief: NDArray[np.float64], tiles: NDArray[np.uint8]
-) -> pl.DataFrame:
-    """Return one map as a table with the columns ``MAPS``.
-
-    Args:
-        robot: its number; None: the pooled map. belief: that each tile vibrates, (tiles,), row by row.
-        tiles: of the floor, 1 where it vibrates, (rows, columns).
-    """
-    row, column = np.indices(tiles.shape)
-    return pl.DataFrame(
-        {
-            "run": np.full(belief.size, run),
-            "robot": [robot] * belief.size,
-            "row": row.ravel(),
-            "column": column.ravel(),
-            "vibrating": belief,
-            "spread": np.sqrt(belief * (1.0 - belief)),
-            "vibrates": tiles.ravel(),
-        },
-        schema=MAPS,
-        strict=False,  # converts the integers to the types of the schema
-    )
+def _maps_at_end(
+    result: Result,
+    timeline: Timeline,
+    runs: int,
+    observation: NDArray[np.uint8],
+    energy: NDArray[np.float32] | None,
+) -> NDArray[np.float64]:
+    """Return beliefs that each tile vibrates at the end, (runs, robots + 1, tiles), of which the last are pooled."""
+    assert result.seed is not None  # maps of a recording cannot be recomputed
+    swarm = replay_to_end(result.scenario, result.seed, timeline, observation, energy)
+    by_robot, pooled = beliefs_of(swarm.arrays, runs, result.scenario.swarm.robots)
+    return np.concatenate([by_robot, pooled[:, None]], axis=1)

@@ -50,9 +50,7 @@ def _auc(p: Values, x: Values) -> float:
     if not vibrating or not still or np.isnan(p).any():
         return float("nan")
     # Mann and Whitney: ranks of the vibrating tiles, ties at their mean rank, less those among themselves.
-    ranks = (
-        pl.Series(p).rank().to_numpy()
-    )  # the mean rank of equal values; scipy.stats takes a second to import
+    ranks = pl.Series(p).rank().to_numpy()
     return float((ranks[x == 1].sum() - 0.5 * vibrating * (vibrating + 1)) / (vibrating * still))
 
 

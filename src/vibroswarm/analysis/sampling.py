@@ -1,4 +1,4 @@
-"""Describe how a swarm samples: distances, intervals, effective number of samples, correlations, packet loss.
+"""Describe how a swarm samples: distances, intervals, effective number of samples, packet loss.
 
 A bit is the 0 or 1 that a sample reads.
 
@@ -27,37 +27,20 @@ equally often, would give this sum. For n independent uniform places 1 / n_v has
 robot's next sample lies near its last, and larger if tiles are visited more evenly than by chance. It is infinite if
 all tiles are visited equally often: then the samples of a perfect sensor give the fill ratio exactly.
 
-**Correlations and losses.**
-
-| name | symbol | equation |
-|---|---|---|
-| correlogram | I(d) | mean over pairs at distance d of (o_i - m)(o_j - m), divided by the mean of (o_i - m)^2 |
-| lag-1 correlation | r | the same over pairs of consecutive samples of one robot |
-| packet loss | - | 1 - heard / addressed |
-
-o_i is the bit of sample i and m the mean of the run's bits; of more than two classes, products and squares of r are
-summed over the indicators of all classes, which is the same for two. Since m comes from the same bits, I is about
--1 / (samples - 1) without any correlation. Both samples of a pair are of one run, of the same or different robots; I
-is Moran's I with the pairs at that distance as neighbours. The run is the unit: figures are computed for each run and
-averaged.
+Packet loss is 1 - heard / addressed. The run is the unit: figures are computed for each run and averaged.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from itertools import pairwise
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.intervals import Interval, mean_interval, within
 from vibroswarm.core.numbers import percent
-from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import SHARES, SPENT, mean_by_run
-from vibroswarm.observation.observe import kinds_at
 from vibroswarm.result import Result
 
 WALK: Final[dict[str, Any]] = {
@@ -71,11 +54,6 @@ WALK: Final[dict[str, Any]] = {
     **SHARES,
 }
 """Columns of ``walk_figures``."""
-
-_TABLE_PER_SAMPLE: Final = 4
-"""Visits are counted in a dense table of runs by tiles up to this number of entries per sample."""
-_SMALL_TABLE: Final = 4096
-"""Entries of the dense table that are allowed in addition, however few samples there are."""
 
 
 def walk_figures(
@@ -92,12 +70,7 @@ def walk_figures(
         two); ones, share of readings of class 1; effective_samples, n_v (null without samples on tiles, infinite if
         all tiles are visited equally often); the shares of the robots' time up to their last samples
         (``outcomes.SHARES``; null if the source cannot know them).
-    Raises:
-        ValueError: the two tables have different numbers of rows.
-        InputError: ``tiles`` is smaller than an index of a visited tile + 1.
     """
-    if motion_samples.height != observations.height:
-        raise ValueError("the tables of motion and of observations must have the same rows")
     tile, observation = (observations[name].to_numpy() for name in ("tile", "observation"))
     figures = Walk(motion_samples).figures(tile, observation, tiles)
     return pl.DataFrame(figures).fill_nan(None).cast(WALK)  # type: ignore[arg-type]
@@ -131,10 +104,13 @@ class Walk:
         # A run starts at row 0, if the table has rows, and wherever the run number changes.
         self.first = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
         self.count: NDArray[np.int64] = np.diff(np.append(self.first, run.size))
-        # The columns that depend on motion only.
-        self.of_motion = {"run": run[self.first], "samples": self.count, **self._steps(motion_samples)}
-        # Cache of the last call: the arguments tile and tiles, and n_v of each run.
-        self._effective: tuple[NDArray[np.int32], int | None, NDArray[np.float64]] | None = None
+        avoid = motion_samples["avoid_s"].to_numpy().astype(np.float64)  # null becomes nan
+        self.of_motion = {
+            "run": run[self.first],
+            "samples": self.count,
+            "avoid_per_sample_s": mean_by_run(avoid, self.first),
+            **self._steps(motion_samples),
+        }
 
     def figures(
         self, tile: NDArray[np.int32], observation: NDArray[np.uint8], tiles: int | None = None
@@ -144,139 +120,51 @@ class Walk:
         Args:
             tile, observation: columns of the table of observations, (rows,) each. tiles: number of tiles in the arena;
                 None: for each run the highest index of a visited tile + 1.
-        Raises:
-            InputError: ``tiles`` is smaller than an index of a visited tile + 1.
         """
         if self.first.size == 0:
             return {name: np.empty(0) for name in WALK}
         ones = np.add.reduceat(observation == 1, self.first, dtype=np.int64) / self.count
-        return {**self.of_motion, "ones": ones, "effective_samples": self._effective_of(tile, tiles)}
+        return {**self.of_motion, "ones": ones, "effective_samples": self._effective(tile, tiles)}
 
-    def _effective_of(self, tile: NDArray[np.int32], tiles: int | None) -> NDArray[np.float64]:
-        """Return n_v of each run, (runs,).
-
-        The last result is cached: callers compute several sensors on one floor and pass the same array ``tile`` each
-        time, so an identity test recognises it.
-        """
-        cached = self._effective
-        if cached is None or cached[0] is not tile or cached[1] != tiles:
-            # A run without samples on tiles divides 0 by 0.
-            with np.errstate(invalid="ignore", divide="ignore"):
-                n_v = _effective(tile, self.first, self.count, tiles)
-            cached = self._effective = (tile, tiles, n_v)
-        return cached[2]
+    def _effective(self, tile: NDArray[np.int32], tiles: int | None) -> NDArray[np.float64]:
+        """Return n_v of each run, (runs,); nan if a run has no sample on a tile."""
+        runs, width = self.first.size, int(tile.max(initial=0)) + 1
+        key = np.repeat(np.arange(runs) * width, self.count) + tile  # one number for each run and tile
+        visits = np.bincount(key[tile >= 0], minlength=runs * width).reshape(runs, width).astype(np.float64)
+        with np.errstate(invalid="ignore"):  # 0 / 0 for a run without samples on tiles
+            sum_of_squares = (visits * visits).sum(axis=1) / visits.sum(axis=1) ** 2
+        if tiles is None:  # argmax finds the first visit in the reversed row
+            return effective_samples(sum_of_squares, width - np.argmax(visits[:, ::-1] > 0, axis=1))
+        return effective_samples(sum_of_squares, tiles)
 
     def _steps(self, samples: pl.DataFrame) -> dict[str, NDArray[np.float64]]:
-        """Compute the columns of ``walk_figures`` that need places and times of samples, (runs,) each."""
-        if samples.is_empty():  # ``figures`` then returns empty columns, and ``_consecutive`` needs a row
-            return {}
-        before, after = _consecutive(samples, self.first, self.count)
+        """Return mean distance and time between consecutive samples of a robot, (runs,) each; nan without any."""
+        robot = samples["robot"].to_numpy()
+        run = np.repeat(np.arange(self.first.size), self.count)
+        group = run * (int(robot.max(initial=0)) + 1) + robot  # one number for each run and robot
+        order = np.argsort(group, kind="stable")  # rows of a robot stay in the order of time
+        same_robot = group[order][1:] == group[order][:-1]
+        before, after = order[:-1][same_robot], order[1:][same_robot]
+        steps = np.bincount(run[after], minlength=self.first.size)
+        has_steps = steps > 0
+        begin = (np.cumsum(steps) - steps)[has_steps]
         x, y, t = (samples[name].to_numpy() for name in ("x_m", "y_m", "time_s"))
-        per_step = _mean_of_steps(after, self.first)
+        distance = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2)
+        means = {}
+        for name, values in (("distance_m", distance), ("spacing_s", t[after] - t[before])):
+            means[name] = np.full(steps.size, np.nan)
+            # Each run is summed by itself, so that its figure does not depend on other runs.
+            means[name][has_steps] = np.add.reduceat(values, begin) / steps[has_steps] if begin.size else 0.0
+        return means | self._shares(samples)
+
+    def _shares(self, samples: pl.DataFrame) -> dict[str, NDArray[np.float64]]:
+        """Return the shares of the robots' time (``outcomes.SHARES``), (runs,) each."""
         spent = {
             column: np.add.reduceat(samples[column].to_numpy().astype(np.float64), self.first)
             for column in SPENT.values()
         }
         passed = spent["drive_s"] + spent["turn_s"] + spent["avoid_s"] + spent["stop_s"]
-        distance = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2)
-        avoid = samples["avoid_s"].to_numpy().astype(np.float64)  # null becomes nan
-        return {
-            "avoid_per_sample_s": mean_by_run(avoid, self.first),
-            "distance_m": per_step(distance),
-            "spacing_s": per_step(t[after] - t[before]),
-            **{name: spent[column] / passed for name, column in SPENT.items()},
-        }
-
-
-def _consecutive(
-    samples: pl.DataFrame, first: NDArray[np.int64], count: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return all pairs of consecutive samples of a robot as row indices (before, after), (pairs,) each.
-
-    Pairs are ordered by run, robot and time. Rows are sorted by run and time, so a stable sort by run and robot groups
-    each robot's rows in the order of time.
-
-    Args:
-        samples: at least one row. first, count: first row of each run and number of its rows, (runs,) each.
-    """
-    robot = samples["robot"].to_numpy()
-    robots = int(robot.max()) + 1
-    group = np.repeat(np.arange(first.size) * robots, count) + robot  # one number for each run and robot
-    if first.size * robots < 2**16:
-        group = group.astype(np.uint16)  # numpy sorts these faster
-    order = np.argsort(group, kind="stable")
-    sorted_group = group[order]
-    same_robot = sorted_group[1:] == sorted_group[:-1]
-    return order[:-1][same_robot], order[1:][same_robot]
-
-
-def _mean_of_steps(
-    after: NDArray[np.int64], first: NDArray[np.int64]
-) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return a function that averages values of steps over each run; nan for a run without steps.
-
-    A step is a pair of consecutive samples of a robot. The function takes an array with one value per step, in the
-    order of ``after``, and returns the means, (runs,).
-
-    Args:
-        after: row of the later sample of each step, from ``_consecutive``. first: first row of each run, (runs,).
-    """
-    # bounds[r]: index of the first step of run r; the last bound is the number of steps. Rows and steps are ordered by
-    # run, so this is the first step whose ``after`` is first[r], the first row of run r, or higher. Within a run steps
-    # are ordered by robot, so ``after`` is not sorted; the search is therefore in its running maximum. A run without
-    # steps has the same bound as the next run. The appended row is higher than all of ``after``, which gives the last
-    # bound.
-    bounds = np.searchsorted(np.maximum.accumulate(after), np.append(first, after.max(initial=0) + 1))
-    steps = np.diff(bounds)
-
-    def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Average one value per step over each run, (runs,)."""
-        # Each run is summed by itself (no running sum over runs), so that its figure does not depend on other runs.
-        means, has_steps = np.full(steps.size, np.nan), steps > 0
-        if has_steps.any():
-            means[has_steps] = np.add.reduceat(values, bounds[:-1][has_steps]) / steps[has_steps]
-        return means
-
-    return mean
-
-
-def _effective(
-    tile: NDArray[np.int32], first: NDArray[np.int64], count: NDArray[np.int64], tiles: int | None
-) -> NDArray[np.float64]:
-    """Compute n_v of each run, shape (runs,); nan if a run has no sample on a tile.
-
-    Args:
-        tile: index of each sample's tile, -1 off all tiles, (rows,). first, count: first row of each run and number of
-            its rows, (runs,) each. tiles: N; None: for each run the highest index of a visited tile + 1.
-    """
-    # In all runs the indices of tiles are below ``width``.
-    run_count, width = first.size, int(tile.max(initial=0)) + 1
-    key = np.repeat(np.arange(run_count) * width, count) + tile  # one number for each run and tile
-    if tile.min(initial=0) < 0:  # the key of tile -1 would be that of the last tile of the run before
-        key = key[tile >= 0]
-    # Visits are counted in a dense table of runs by tiles; if it would be mostly empty, only visited tiles are listed.
-    if run_count * width <= _TABLE_PER_SAMPLE * key.size + _SMALL_TABLE:
-        visits = np.bincount(key, minlength=run_count * width).reshape(run_count, width).astype(np.float64)
-        squares, on_tiles = (visits * visits).sum(axis=1), visits.sum(axis=1)
-        # Index of the last tile with a visit: argmax finds the first visit in the reversed row.
-        last_visited = width - 1 - np.argmax(visits[:, ::-1] > 0, axis=1)
-    else:
-        keys, times = np.unique(key, return_counts=True)
-        run_of_key, visits_of_key = keys // width, times.astype(np.float64)
-        squares = np.bincount(run_of_key, visits_of_key**2, run_count)
-        on_tiles = np.bincount(run_of_key, visits_of_key, run_count)
-        last_visited = np.zeros(run_count, dtype=np.int64)
-        # Keys are sorted, so the last visited tile of a run is written last, and stays.
-        last_visited[run_of_key] = keys % width
-    # Sum of w_t^2. It is nan (0 / 0) for a run without samples on tiles, so that ``last_visited`` has no effect there.
-    sum_of_squares = squares / on_tiles**2
-    if tiles is None:
-        return effective_samples(sum_of_squares, last_visited + 1)
-    if tiles < width:
-        raise InputError(
-            f"{tiles} is too few, since tile {width - 1} was sampled; at least {width}", field="tiles"
-        )
-    return effective_samples(sum_of_squares, tiles)
+        return {name: spent[column] / passed for name, column in SPENT.items()}
 
 
 def effective_samples(sum_of_squares: ArrayLike, tiles: ArrayLike) -> NDArray[np.float64]:
@@ -320,9 +208,6 @@ def effective_with_sensor(
         return np.asarray(q * (1 - q) / (of_floor + of_sensor))  # n_eff
 
 
-Of = Literal["bits", "tiles"]
-"""Which values of samples are correlated: what they read, or whether the tile below vibrates."""
-
 EXCHANGE: Final[dict[str, Any]] = {
     "run": pl.UInt32,
     "addressed": pl.UInt32,
@@ -330,113 +215,6 @@ EXCHANGE: Final[dict[str, Any]] = {
     "packet_loss": pl.Float64,
 }
 """Columns of ``packet_loss``."""
-
-
-def correlogram(
-    result: Result, edges_m: ArrayLike | None = None, of: Of = "bits", level: float = 0.95
-) -> pl.DataFrame:
-    """Compute the correlogram I(d): the correlation of the values of two samples by the distance between them.
-
-    All pairs of samples of a run are used. That takes about 20 ms per run of 1200 samples, so some tens of runs take a
-    second.
-
-    Args:
-        result: whose samples are correlated.
-        edges_m: edges of the bins of distance, increasing, m; by default 10 bins up to the shorter side of the arena.
-        of: "bits": the values that were read; "tiles": 1 if the tile below vibrates, else 0, without sensor errors.
-        level: confidence level of the limits.
-    Returns: one row per bin: from_m (included), to_m (excluded), pairs (mean number per run), correlation (mean over
-        runs), low, high (its limits). A run has a correlation in a bin if it has pairs in it and its values are not all
-        equal. The last three columns are null if no run has one, and low and high are null if only one run has.
-    Raises:
-        InputError: fewer than two edges, edges that do not increase, another ``of``, or a level outside (0, 1).
-    """
-    check_choice(of, "of", ("bits", "tiles"))
-    arena = result.scenario.arena
-    side_m = min(arena.width_m, arena.height_m)
-    edges = np.linspace(0.0, side_m, 11) if edges_m is None else np.asarray(edges_m, dtype=np.float64)
-    if edges.ndim != 1 or edges.size < 2 or not (np.diff(edges) > 0).all():
-        raise InputError("give at least two distances that increase", field="edges_m")
-    x, y = result.motion["x_m"].to_numpy(), result.motion["y_m"].to_numpy()
-    values = _values(result, of)
-    by_run = [
-        _correlogram_of_run(x[low:high], y[low:high], values[low:high], edges)
-        for low, high in _bounds(result.motion)
-    ]
-    rows = []
-    for k, (from_m, to_m) in enumerate(pairwise(edges.tolist())):  # bin by bin
-        interval = mean_interval([correlation[k] for correlation, _ in by_run], level)
-        pairs = float(np.mean([number[k] for _, number in by_run])) if by_run else 0.0
-        rows.append((from_m, to_m, pairs, *interval[:3]))
-    names = ("from_m", "to_m", "pairs", "correlation", "low", "high")
-    frame = pl.DataFrame(rows, schema=dict.fromkeys(names, pl.Float64), orient="row")
-    null_unless_finite = [pl.when(pl.col(name).is_finite()).then(pl.col(name)).alias(name) for name in names]
-    return frame.with_columns(null_unless_finite)
-
-
-def _values(result: Result, of: Of) -> NDArray[np.float64]:
-    """Return the value of each sample, (samples,): its bit, or for "tiles" 1 if its tile vibrates, else 0."""
-    if of == "bits":
-        return result.observations["observation"].cast(pl.Float64).to_numpy()
-    tile = result.observations["tile"].to_numpy()
-    values = np.empty(tile.size)
-    run, time_s = result.motion["run"].to_numpy(), result.motion["time_s"].to_numpy()
-    for low, high in _bounds(result.motion):
-        values[low:high] = kinds_at(result.floor(int(run[low])), tile[low:high], time_s[low:high]) == 1
-    return values
-
-
-def _bounds(samples: pl.DataFrame) -> list[tuple[int, int]]:
-    """Return (first row, last row + 1) of each run in a table sorted by run."""
-    run = samples["run"].to_numpy()
-    first = np.flatnonzero(np.append(True, run[1:] != run[:-1])) if run.size else np.zeros(0, np.int64)
-    return [(int(low), int(high)) for low, high in pairwise(np.append(first, run.size))]
-
-
-def _correlogram_of_run(
-    x: NDArray[np.float64], y: NDArray[np.float64], values: NDArray[np.float64], edges: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Compute the correlation I(d) and the number of pairs in each bin of distance of one run.
-
-    Args:
-        x, y: places of the samples, m. values: of the samples; (samples,) each. edges: of the bins, m, (bins + 1,).
-    Returns: correlations (nan in a bin without pairs, or if all values are equal) and numbers of pairs, (bins,) each.
-    """
-    total, pairs = np.zeros(edges.size - 1), np.zeros(edges.size - 1, dtype=np.int64)
-    deviation = values - values.mean()
-    for i in range(values.size - 1):  # sample i with all later samples, so that each pair counts once
-        distance = np.hypot(x[i + 1 :] - x[i], y[i + 1 :] - y[i])
-        inside = (distance >= edges[0]) & (distance < edges[-1])
-        bins = np.searchsorted(edges, distance[inside], side="right") - 1
-        pairs += np.bincount(bins, minlength=pairs.size)
-        total += deviation[i] * np.bincount(bins, deviation[i + 1 :][inside], total.size)
-    variance = float((deviation**2).mean())
-    if variance <= 0.0:
-        return np.full(total.size, np.nan), pairs
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return total / pairs / variance, pairs  # I(d)
-
-
-def lag_one(result: Result, level: float = 0.95) -> Interval:
-    """Compute the correlation of what consecutive samples of a robot read (lag-1 correlation), averaged over runs.
-
-    The pairs of all robots of a run count together. Runs without consecutive samples, and runs whose readings are all
-    equal, are left out; the interval is undefined (nan) if no run is left.
-    """
-    ordered = result.observations.sort("run", "robot", "sample")
-    # A number that is the same in all rows of one robot in one run.
-    robot = ordered.select(pl.struct("run", "robot").rle_id()).to_series().to_numpy()
-    readings = result.scenario.sensor.readings
-    classes = np.arange(readings) if readings > 2 else np.ones(1)
-    correlations = []
-    for low, high in _bounds(ordered):
-        read = ordered["observation"][low:high].to_numpy()[:, None] == classes
-        deviation = read - read.mean(axis=0)
-        same_robot = robot[low + 1 : high] == robot[low : high - 1]
-        products = (deviation[1:] * deviation[:-1]).sum(axis=1)[same_robot]
-        variance = float((deviation**2).sum(axis=1).mean())
-        correlations.append(float(products.mean()) / variance if products.size and variance > 0 else math.nan)
-    return within(mean_interval(correlations, level), -1.0, 1.0)
 
 
 SWITCHED_ON_LATE_S: Final = 60.0

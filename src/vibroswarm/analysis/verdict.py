@@ -14,18 +14,17 @@ readings: it is an opinion, not an estimate.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-import numpy as np
 import polars as pl
 
 from vibroswarm import strategies, tasks
-from vibroswarm.analysis.answers_over_time import Agreement, agreements_over_time
 from vibroswarm.analysis.figures import ESTIMATES, run_figures
-from vibroswarm.core.numbers import count, every, number, span, stated, stated_percent
-from vibroswarm.errors import InputError, check_kind, shown
+from vibroswarm.core.numbers import every, number, span, stated, stated_percent
+from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
@@ -81,8 +80,6 @@ class Verdict:
     decision_boundary: float
     answers: tuple[str, ...]
     """The meaning of decisions 0, 1 and so on in words."""
-    of_shares: bool
-    """Whether the question is about the share of vibrating tiles."""
     right: int
     """Number of robots that decided right."""
     wrong: int
@@ -97,8 +94,6 @@ class Verdict:
     """Probability that a sample at a uniformly random place in the arena reads as vibrating, with the sensor's errors
     and what vibration does across tile edges."""
     share_of_ones_read: float | None
-    agreements: tuple[Agreement, ...]
-    """When the robots' opinions agreed; more than one if opinions changed."""
     presumed: str
     """What robots take for independent evidence though it is not, as a sentence: why beliefs may be too sure."""
     robots: tuple[RobotVerdict, ...]
@@ -114,8 +109,8 @@ class Verdict:
     """Whether what is right depends on each robot's own last answer."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON, robots and agreements as lists of dictionaries."""
-        return asdict(self) | {"agreements": [agreement._asdict() for agreement in self.agreements]}
+        """Return the fields for JSON, robots as a list of dictionaries."""
+        return asdict(self)
 
 
 def verdict(result: Result, run: int | None = None) -> Verdict:
@@ -124,15 +119,13 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
     Args:
         run: number of the run; by default the first run of the result.
     Raises:
-        InputError: ``result`` is not a ``Result``, or holds no such run.
+        InputError: the result holds no such run.
     """
-    check_kind(result, Result, "result", "a Result, as simulate() returns")
-    available = result.runs["run"].to_list()
-    run = int(available[0]) if run is None and available else run
-    if not isinstance(run, int | np.integer) or run not in available:
-        raise InputError(f"there is no run {shown(run)} in this result", field="run")
+    run = int(result.runs["run"][0]) if run is None else run
     of_run = pl.col("run") == run
-    summary = result.runs.filter(of_run).to_dicts()[0]
+    if result.runs.filter(of_run).is_empty():
+        raise InputError(f"there is no run {run} in this result", field="run")
+    (summary,) = result.runs.filter(of_run).to_dicts()
     by_counts = not has_own_estimate(result.scenario)
     robots = tuple(_robot(row, by_counts) for row in result.robots.filter(of_run).to_dicts())
     decisions = {robot.decision for robot in robots}
@@ -149,7 +142,6 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         fill_ratio=fill,
         decision_boundary=result.scenario.decision.decision_boundary,
         answers=answers_of(result.scenario),
-        of_shares=result.scenario.task.name == "fill_ratio",
         right=summary["right"],
         wrong=summary["wrong"],
         undecided=summary["undecided"],
@@ -162,7 +154,6 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         ),
         presumed=presumed(result.scenario),
         share_of_ones_read=float((bits == 1).mean()) if bits.len() else None,  # type: ignore[arg-type]
-        agreements=tuple(agreements_over_time(result, run)),
         robots=robots,
         **_scores(result, run),
     )
@@ -291,24 +282,21 @@ def headline(found: Verdict) -> str:
         return _estimates(found)
     if found.consensus is None:
         return "Decisions were not logged."
-    robots = len(found.robots)
-    answer = decision_words(found.decision, found.answers)
-    together = f"{every(robots, 'robot')} decided"
-    at = "" if found.consensus_time_s is None else f" by {number(found.consensus_time_s, 1)} s"
-    if found.consensus == "right":
-        return f"CONSENSUS, RIGHT: {together} '{answer}'{at}."
-    if found.consensus == "wrong":
-        return f"CONSENSUS, WRONG: {together} '{answer}'{at}."
+    if found.decision is None:
+        sides = Counter(decision_words(robot.decision, found.answers) for robot in found.robots)
+        counts = ", ".join(f"{robots} '{answer}'" for answer, robots in sides.most_common())
+        of_truth = "" if found.truth is None else f"; {found.right} right, {found.wrong} wrong"
+        return f"{found.consensus.upper()} after {stated(found.end_s)} s: {counts}{of_truth}."
+    right = f", {found.consensus.upper()}"
+    reason = ""
     if found.consensus == "truth_undefined":
-        reason = "the fill ratio equals the boundary, neither is" if found.of_shares else "no answer is"
-        if found.asked_anew:
-            reason = "each robot is asked again after each answer, and some answers may be"
-        return f"CONSENSUS: {together} '{answer}'{at}; {reason} right."
-    sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else _sides(found)
-    if found.consensus == "split":
-        return f"SPLIT: {together}, but differently: {sides}."
-    open_ones = "the robot is" if robots == 1 else f"{found.undecided} of {robots} robots"
-    return f"INCOMPLETE: {open_ones} undecided after {stated(found.end_s)} s ({sides})."
+        right, reason = (
+            "",
+            "; what is right depends on the robot" if found.asked_anew else "; no answer is right",
+        )
+    at = "" if found.consensus_time_s is None else f" by {number(found.consensus_time_s, 1)} s"
+    answer = decision_words(found.decision, found.answers)
+    return f"CONSENSUS{right}: {every(len(found.robots), 'robot')} decided '{answer}'{at}{reason}."
 
 
 def _estimates(found: Verdict) -> str:
@@ -333,69 +321,14 @@ def estimates_in_words(found: Verdict) -> tuple[str, str]:
     return span(estimates), f"Mean error {number(found.estimate_error)}; {sure}."
 
 
-def _sides(found: Verdict) -> str:
-    """Return how many robots decided what, where no answer is right, such as "3 'less than ...', 1 'more than ...'"."""
-    counts = [sum(robot.decision == answer for robot in found.robots) for answer in range(len(found.answers))]
-    sides = zip(counts, found.answers, strict=True)
-    return ", ".join(f"{robots} '{answer}'" for robots, answer in sides if robots) or "none decided"
-
-
-def agreement_words(found: Verdict) -> str:
-    """Return a sentence on agreements that did not last; empty if there is none.
-
-    An agreement that ended before the swarm decided (it was shorter than ``decision.hold_s``) does not count.
-    """
-    since_s = 0.0 if found.consensus_time_s is None else found.consensus_time_s
-    ended = [one for one in found.agreements if one.until_s is not None and one.until_s > since_s]
-    if not ended:
-        return ""
-    first, last = ended[0], found.agreements[-1]
-    more = "" if len(ended) == 1 else f", and {count(len(ended) - 1, 'more time')}"
-    now = "; opinions agree at the end" if last.until_s is None else "; opinions differ at the end"
-    answer = decision_words(first.answer, found.answers)
-    return (
-        f"Agreement did not last: all agreed on '{answer}' from {number(first.since_s, 1)} to "
-        f"{number(first.until_s, 1)} s{more}{now}."
-    )
-
-
 def confidence(found: Verdict) -> str:
-    """Return a sentence with the range, over robots, of the confidence at decision time.
-
-    If no robot has a confidence, the sentence says whether decisions were logged, and gives the range of the robots'
-    beliefs in answer 0 at the end of the run. If they have no beliefs either, it says so, or that no robot took a
-    sample.
-
-    Args:
-        found: outcome of the run, from ``verdict``.
-    """
-    beliefs = [r.belief_in_decision for r in found.robots if r.belief_in_decision is not None]
-    note = found.presumed
-    if found.estimated:  # the headline says how sure robots are
-        return note
-    if not beliefs:
-        beliefs = [r.belief for r in found.robots if r.belief is not None]
-        if not beliefs:
-            if any(r.samples for r in found.robots):
-                return "Confidence: not defined; these robots report no belief."
-            return "No robot took a sample."
-        # "less" is short for "less than 50 % vibrates", answer 0 of the question about the share of vibrating tiles.
-        answer = "less" if found.of_shares else found.answers[0]
-        why = "decisions were not logged" if found.consensus is None else "no robot decided"
-        return f"Confidence: {why}; belief in '{answer}' is {_range(beliefs)}. {note}".rstrip()
-    return f"Confidence at decision time: {_range(beliefs)}. {note}".rstrip()
-
-
-def _range(shares: list[float]) -> str:
-    """Write the range of beliefs (shares from 0 to 1) in percent, such as "51.2 % to 98 %".
-
-    It is cut to 0.01 % to 99.99 %: a belief is never exactly 0 or 1, and only rounding would make it so.
-    """
-    low, high = (
-        stated_percent(min(max(share, 1e-4), 1 - 1e-4))
-        for share in (round(min(shares), 4), round(max(shares), 4))
-    )
-    return low if low == high else f"{low} to {high}"
+    """Return how sure robots were when they decided, and what they took for independent evidence though it is not."""
+    sure = [one.belief_in_decision for one in found.robots if one.belief_in_decision is not None]
+    if found.estimated or not sure:  # the headline says how sure robots are of an estimate
+        return found.presumed
+    # A belief is never exactly 0 or 1: only rounding would make it so.
+    low, high = (stated_percent(min(max(round(end, 4), 1e-4), 1 - 1e-4)) for end in (min(sure), max(sure)))
+    return f"Confidence at decision time: {low if low == high else f'{low} to {high}'}. {found.presumed}".rstrip()
 
 
 OPINION_NOTE: Final = (

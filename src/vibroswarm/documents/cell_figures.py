@@ -15,12 +15,6 @@ from vibroswarm.core.numbers import Estimate, number
 from vibroswarm.show.document import Column, Table, limits_of
 
 _NUMBERS: Final = {
-    "icc_decision_time": Column("correlation within a run: decision time", decimals=3),
-    "icc_right": Column("correlation within a run: right", decimals=3),
-    "icc_undecided": Column("correlation within a run: undecided", decimals=3),
-    "design_effect_decision_time": Column("design effect: decision time"),
-    "design_effect_right": Column("design effect: right"),
-    "design_effect_undecided": Column("design effect: undecided"),
     "runs": Column("runs"),
     "failed_runs": Column("failed runs"),
     "robots": Column("robots in all runs"),

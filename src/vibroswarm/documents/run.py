@@ -19,7 +19,6 @@ from vibroswarm.analysis.sampling import blocked_words
 from vibroswarm.analysis.verdict import (
     OPINION_NOTE,
     Verdict,
-    agreement_words,
     asked_number,
     confidence,
     decision_words,
@@ -74,7 +73,8 @@ def run_document(result: Result, run: int) -> Document:
         title=f"Run {run}: {strategy_name(scenario.strategy.name)}",
         answer=(
             *failure_sentences(result),
-            *_decision_duration_confidence(found),
+            headline(found),
+            confidence(found),
             _gate_unreached(result, run, found),
             _when_given(found, answers),
         ),
@@ -143,28 +143,18 @@ def _estimates(result: Result) -> tuple[str, pl.DataFrame]:
 
 
 def _verdict_data(found: Verdict) -> dict[str, pl.DataFrame]:
-    """Return the values of a verdict: those of the swarm in one row, those of robots, and agreements."""
+    """Return the values of a verdict: those of the swarm in one row, and those of robots."""
     values = found.as_dict()
+    robots = values.pop("robots")
     return {
-        name: pl.DataFrame(rows, infer_schema_length=None)
-        for name, rows in (
-            (
-                "verdict",
-                [{name: value for name, value in values.items() if name not in ("robots", "agreements")}],
-            ),
-            ("robots", values["robots"]),
-            ("agreements", values["agreements"]),
-        )
+        "verdict": pl.DataFrame([values], infer_schema_length=None),
+        "robots": pl.DataFrame(robots, infer_schema_length=None),
     }
 
 
 def _faults_and_failures(result: Result, run: int) -> dict[str, pl.DataFrame]:
     tables = {"faults": result.faults, "failures": result.failures}
     return {name: frame.filter(run=run) for name, frame in tables.items() if frame is not None}
-
-
-def _decision_duration_confidence(found: Verdict) -> tuple[str, ...]:
-    return headline(found), agreement_words(found), confidence(found)
 
 
 def _what_ran(result: Result, found: Verdict, run: int) -> str:

@@ -352,7 +352,7 @@ def _levels(outcome: Outcome) -> str:
 
 _COMPARED_WORDS: Final = (
     "Cells with one seed have the same motion and noise in each run, so they are compared in pairs of runs. Intervals "
-    "are from sign flips, and allow for rare differences that did not occur; p-values are corrected over all "
+    "are Student's, and allow for rare differences that did not occur; p-values are corrected over all "
     "comparisons (Holm)."
 )
 
@@ -427,9 +427,6 @@ def _decidability_parts(outcome: Outcome) -> tuple[Part, ...]:
         "boundary": Column("boundary", share=True),
         "tested": Column("robots compare it with", share=True),
         "threshold": Column("sensor threshold"),
-        # The thresholds with which the robots would decide rightly; None: none, or not computed.
-        "mending_low": Column("decidable for thresholds from"),
-        "mending_high": Column("to"),
         "samples_needed": Column("samples needed for 5 % wrong"),
     }
     table = Table(_decidable(outcome).select(list(columns)), columns, name="decidability")

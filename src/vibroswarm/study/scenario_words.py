@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, Final, TypedDict, Unpack
 
 from vibroswarm import strategies, tasks
-from vibroswarm.analysis.robot_knowledge import claims_warnings
 from vibroswarm.core.numbers import listed
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import rows_of, sides_inside
@@ -349,7 +348,6 @@ def warnings_of(scenario: Scenario) -> list[str]:
         *_map_warnings(scenario),
         *change_warnings(scenario.change, _is_final(scenario)),
         *_anew_warnings(scenario),
-        *claims_warnings(scenario),
     ]
 
 

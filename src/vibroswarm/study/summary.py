@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.cell_summary import CellSummary, summaries_of, time_within_runs
+from vibroswarm.analysis.cell_summary import CellSummary, summaries_of
 from vibroswarm.analysis.decidability import Decidability, decidability
 from vibroswarm.analysis.figures import columns_of, figures_table, interval
 from vibroswarm.analysis.intervals import columns_of as interval_columns
@@ -191,7 +191,7 @@ def _outcomes(
     keys = ("cell", "run", "truth", "consensus")
     parts = (
         (
-            _narrowed(figures_table(swarms, runs.select(keys)).with_columns(time_within_runs(swarms))),
+            _narrowed(figures_table(swarms, runs.select(keys))),
             runs.select(*WALK),
             rows.group_by("cell").agg([counted(gate).alias(gate) for gate in COUNTED]),
         )
