@@ -21,11 +21,9 @@ from vibroswarm.errors import InputError
 MAX_BYTES: Final = 64 * 2**30
 """Size limit of a table's file."""
 
-_COUNT: Final = (0.0, float(2**32 - 1))
-_SHARE: Final = (0.0, 1.0)
 ALLOWED: Final = {
-    **dict.fromkeys(("alpha", "beta", "messages_received"), _COUNT),
-    **dict.fromkeys(("belief_below", "belief_at_decision", "message"), _SHARE),
+    **dict.fromkeys(("alpha", "beta", "messages_received"), (0.0, float(2**32 - 1))),
+    **dict.fromkeys(("belief_below", "belief_at_decision", "message"), (0.0, 1.0)),
     "estimate": (-1e300, 1e300),
     "estimate_spread": (0.0, 1e300),
 }
@@ -109,8 +107,6 @@ _FORMULA: Final = r"^'*[=+\-@\t\r]"
 """Texts that get an apostrophe: formulas, and formulas with apostrophes before them."""
 _NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 """Texts that are numbers."""
-_MARK: Final = "'"
-"""The apostrophe, by which spreadsheets mark a text."""
 
 
 def csv_bytes(frame: pl.DataFrame) -> bytes:
@@ -138,6 +134,5 @@ def escaped(frame: pl.DataFrame) -> pl.DataFrame:
         if kind in (pl.String, pl.Categorical, pl.Enum):
             text = pl.col(name).cast(pl.String)
             formula = text.str.contains(_FORMULA) & ~text.str.contains(_NUMBER) & (text != "-")
-            columns.append(pl.when(formula).then(pl.lit(_MARK) + text).otherwise(text).alias(name))
-    escaped_names = {name: f"{_MARK}{name}" for name in frame.columns if name.startswith(tuple("=+-@\t\r"))}
-    return frame.with_columns(columns).rename(escaped_names)
+            columns.append(pl.when(formula).then(pl.lit("'") + text).otherwise(text).alias(name))
+    return frame.with_columns(columns)

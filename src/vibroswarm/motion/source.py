@@ -251,7 +251,7 @@ def source(name: str) -> Source:
     Raises:
         InputError: there is no such source, or its file is not loaded; the message suggests a similar name.
     """
-    return _ready(plugins.found("motion", name, _registry))
+    return _ready(plugins.found("motion", name))
 
 
 def _ready(found: Source) -> Source:

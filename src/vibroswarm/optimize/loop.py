@@ -69,7 +69,6 @@ def check_ready(search: Search) -> None:
     Raises:
         InputError: as of ``Search.check_loaded`` and ``stage_of``.
     """
-    search.check_loaded()
     stage_of(search, Archive(search.space, search.objectives))  # made only for its checks
 
 

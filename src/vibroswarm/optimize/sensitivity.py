@@ -139,7 +139,6 @@ def design_of(search: Search, budget: int, replicates: int = PIECE) -> Array:
     Raises:
         InputError: as of ``Search.check_loaded`` and ``saltelli``, or the budget is too small.
     """
-    search.check_loaded()
     least = LEAST * (search.space.size + 2) * replicates
     if budget < least:
         fields = count(search.space.size, "field")
