@@ -68,7 +68,7 @@ Purpose = IntEnum(
 
 def _numbers(*values: int) -> tuple[int, ...]:
     """Return NumPy integers: for a global Python integer Numba compiles a kernel again for each value."""
-    return tuple(map(np.int64, values))
+    return tuple(map(np.int64, values))  # type: ignore[arg-type]
 
 
 (

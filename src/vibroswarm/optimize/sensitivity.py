@@ -137,7 +137,7 @@ def design_of(search: Search, budget: int, replicates: int = PIECE) -> Array:
     """Draw the design of an analysis, see ``saltelli``; ``budget`` and ``replicates`` as in ``sobol_indices``.
 
     Raises:
-        InputError: as of ``Search.check_loaded`` and ``saltelli``, or the budget is too small.
+        InputError: as of ``saltelli``, or the budget is too small.
     """
     least = LEAST * (search.space.size + 2) * replicates
     if budget < least:
