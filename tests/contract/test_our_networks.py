@@ -289,12 +289,12 @@ def test_who_finds_a_node_busy_waits_or_loses_the_message() -> None:
 
     # From 10 by the base to robot 1 at 30, to robot 2 at 50; its log keeps robot 0 and the base busy until 70.
     assert sent(0, 0) == [-1, 2, 3]
-    assert (*a.free_ms,) == (70.0, 30.0, 50.0, 70.0)
+    assert (*a.free_ms, *a.base_free_ms) == (70.0, 30.0, 50.0, 70.0)
     # From 30; to robot 0 it is lost at 50, as the base is busy until 70; to robot 2 it waits, and is there at 90.
     assert sent(1, 1) == [-1, -1, 5]
-    assert (*a.free_ms,) == (70.0, 110.0, 90.0, 110.0)
+    assert (*a.free_ms, *a.base_free_ms) == (70.0, 110.0, 90.0, 110.0)
     # From 210, while the base is busy: two copies and the log are each tried for 20.
-    a.free_ms[-1] = 500.0
+    a.base_free_ms[0] = 500.0
     assert sent(1, 10) == [-1, -1, -1]
     assert a.free_ms[1] == 270.0
 

@@ -85,8 +85,10 @@ class Params:
 class Arrays:
     """The times until which the nodes of the tree are busy."""
 
-    free_ms = array("float64", "robots + 1")
-    """Time until which each robot's radio is busy; the last is that of the base, which has the number -1."""
+    free_ms = array("float64", "robots")
+    """Time until which each robot's radio is busy."""
+    base_free_ms = array("float64", "1")
+    """Time until which the base's radio is busy."""
 
 
 def parent_of(robot: int) -> int:
@@ -116,6 +118,19 @@ def next_node(node: int, goal: int) -> int:
     return below if below != BASE else parent_of(node)
 
 
+def free_at(a: Any, node: int) -> float:
+    """Return the time until which a node (a robot or BASE) is busy, ms."""
+    return float(a.base_free_ms[0] if node == BASE else a.free_ms[node])
+
+
+def occupy(a: Any, node: int, until_ms: float) -> None:
+    """Set the time until which a node (a robot or BASE) is busy, ms."""
+    if node == BASE:
+        a.base_free_ms[0] = until_ms
+    else:
+        a.free_ms[node] = until_ms
+
+
 def pass_on(a: Any, sender: int, goal: int, begin_ms: float, hop_ms: float, retry_ms: float) -> float:
     """Send a message along its path, and set the times until which the nodes of the path are busy with it.
 
@@ -130,12 +145,13 @@ def pass_on(a: Any, sender: int, goal: int, begin_ms: float, hop_ms: float, retr
     time_ms, node = begin_ms, sender
     while node != goal:
         following = next_node(node, goal)
-        start_ms = max(time_ms, a.free_ms[node], a.free_ms[following])
+        start_ms = max(time_ms, free_at(a, node), free_at(a, following))
         if start_ms - time_ms > retry_ms:  # lost; ``node`` was busy with trying
-            a.free_ms[node] = max(a.free_ms[node], time_ms + retry_ms)
+            occupy(a, node, max(free_at(a, node), time_ms + retry_ms))
             return -(time_ms + retry_ms)
         time_ms = start_ms + hop_ms
-        a.free_ms[node] = a.free_ms[following] = time_ms
+        occupy(a, node, time_ms)
+        occupy(a, following, time_ms)
         node = following
     return time_ms
 
