@@ -134,7 +134,7 @@ def _next(
             return _patched(to, floor, arena_m, number, seed, run)
         is_rows = set(to) <= {*DIGITS, "/"}
         rows = [[int(tile, 16) for tile in row] for row in to.split("/")] if is_rows else None
-        found = as_tiles(rows) if rows else named_tiles(to, *tiles.shape, seed, run)
+        found = as_tiles(rows) if rows else named_tiles(to, tiles.shape[0], tiles.shape[1], seed, run)
     if found.shape != tiles.shape:
         raise InputError(f"'{to}' has {found.shape} tiles, and the floor {tiles.shape}", field="change.to")
     # A random floor is drawn in the order of tiles of the run's first floor, which would keep most tiles as they are.
