@@ -8,9 +8,9 @@ them on stderr.
 from __future__ import annotations
 
 import difflib
-import operator
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -90,11 +90,8 @@ def whole_number_of(value: object, field: str, low: int, high: int) -> int:
     Raises:
         InputError: the value is of another type (a boolean is refused too), or out of range.
     """
-    try:
-        number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        number = None
-    if number is None or not low <= number <= high:
+    number = plain_value(value)
+    if type(number) is not int or not low <= number <= high:
         raise InputError(f"{shown(value)} is wrong; give a whole number from {low} to {high}", field=field)
     return number
 
@@ -134,12 +131,10 @@ def share_from(text: object, field: str) -> float:
     Raises:
         InputError: it is no number with a percent sign, or not between 0 % and 100 %.
     """
-    from decimal import Decimal, InvalidOperation  # only here: most commands read no percentage
-
     words = str(text).strip()
-    try:  # divided as a decimal, so that 21.9 % is the float 0.219
-        share = float(Decimal(words.removesuffix("%")) / 100)
-    except InvalidOperation:
+    try:  # as an exponent, so that 21.9 % is the float 0.219
+        share = float(words.removesuffix("%").strip() + "e-2")
+    except ValueError:
         share = 0.0
     if not words.endswith("%") or not 0 < share < 1:
         raise InputError(f"{shown(text)} is not a percentage between 0% and 100%, such as 2%", field=field)
@@ -178,15 +173,9 @@ def check_kind(value: object, kind: type | tuple[type, ...], field: str, words: 
         raise InputError(f"{shown(value)} is not {words}", field=field)
 
 
-_warned: set[str] = set()
-"""Warnings given so far."""
-
-
+@cache
 def warn_once(message: str) -> None:
     """Log a warning the first time that it is given; in worker processes do nothing, as the main process warns."""
-    if message in _warned:
-        return
-    _warned.add(message)
     import logging  # both here, since most commands warn of nothing
     import multiprocessing
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -13,10 +14,9 @@ import polars as pl
 import vibroswarm.motion.event.event_run
 import vibroswarm.motion.fixed_step
 import vibroswarm.motion.physics.wheels_run  # noqa: F401  (these make themselves known as sources)
-from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.jit import source_hash
 from vibroswarm.core.rng import SEED_LIMIT
-from vibroswarm.errors import InputError, shown, whole_number_of
+from vibroswarm.errors import InputError, RunError, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
@@ -65,9 +65,10 @@ def simulate(
     Raises:
         InputError: the seed or a run number is out of range, the source of motion is unknown, the code of a strategy,
             network or task is not loaded, or readings cannot be tested against the decision boundary.
-        RunError: this process was forked after polars had begun its threads.
+        RunError: this process was forked from one that has simulated.
     """
-    check_threads()
+    if _first_process() != os.getpid():
+        raise RunError("a fork has none of polars' threads, and would wait forever; start processes by spawn")
     check_scenario(scenario)
     seed, chosen = check_seed(seed), check_runs(seed, runs)
     motion = plugins.resolve_code("motion", motion) if plugins.is_code(motion) else motion
@@ -90,6 +91,12 @@ def simulate(
     if poses and motions.moves is not None:  # a user's source may have no moves
         made = replace(made, poses=poses_of(motions.moves, motions.ends, scenario.run.control_period_ms))
     return made if moves else replace(made, moves=None)
+
+
+@cache
+def _first_process() -> int:
+    """Return the number of the process that simulated first: this one, or one that it was forked from."""
+    return os.getpid()
 
 
 def motion_by_decisions(scenario: Scenario) -> Callable[..., Motion] | None:
@@ -123,7 +130,6 @@ def replay(result: Result, scenario: Scenario) -> Result:
             all robots had decided.
     """
     check_scenario(scenario)
-    result.scenario.strategy.check_loaded()
     if result.seed is None:
         raise InputError("was recorded: what its robots read cannot be drawn again", field="result")
     for section in OF_MOTION:
@@ -209,8 +215,6 @@ def check_scenario(scenario: object) -> None:
             f"{shown(scenario)} is not a Scenario; make one with preset('paper') or Scenario.read(file)",
             field="scenario",
         )
-    for part in scenario.choices:
-        part.check_loaded()
 
 
 def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, Floor]:

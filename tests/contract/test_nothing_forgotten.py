@@ -13,13 +13,13 @@ from vibroswarm import networks, strategies, tasks
 from vibroswarm.localisation.locate import estimates_key
 from vibroswarm.optimize.evaluate import Piece
 from vibroswarm.scenario.fault_fields import MotionFaults
-from vibroswarm.scenario.scenario import Scenario, field_names, kind_of, value_of
+from vibroswarm.scenario.scenario import Scenario, field_types, value_of
 from vibroswarm.simulation import OF_MOTION
 from vibroswarm.strategies import Strategy, none
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.spec import Study
 
-NAMES = field_names()
+NAMES = field_types()
 ONE_MOTION = ("run.t_end_s",)
 """Of cells that differ in these, the longest moves, and the others see its beginning."""
 
@@ -60,7 +60,7 @@ def pair(name: str) -> tuple[Scenario, Scenario]:
     kind, entry, _ = name.split(".")  # a parameter of what is registered here
     base = Scenario().with_values(chosen(kind, entry))
     value = value_of(base, name)
-    return base, base.with_values({name: value + 1 if kind_of(name) is int else value * 0.5 + 0.25})
+    return base, base.with_values({name: value + 1 if field_types()[name] is int else value * 0.5 + 0.25})
 
 
 def groups_of(one: Scenario, other: Scenario, name: str) -> tuple[int, int]:
@@ -111,7 +111,7 @@ def test_all_parameters_of_all_that_is_known_are_among_the_fields() -> None:
     for kind, room in (("strategy", strategies), ("network", networks), ("task", tasks)):
         for name, one in room.known().items():
             for field in one.params.model_fields:
-                assert f"{kind}.{name}.{field}" in field_names()
+                assert f"{kind}.{name}.{field}" in field_types()
 
 
 def test_a_table_that_is_not_chosen_changes_nothing() -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import ast
+import os
 import subprocess
+import sys
 from pathlib import Path
 from typing import Final
 
 import pytest
 
-from vibroswarm.core.child_python import command, environment
 from vibroswarm.core.jit import PACKAGE, simulation_sources
 from vibroswarm.simulation import versions
 
@@ -47,10 +48,12 @@ print(*(numbers @ numbers.T).ravel().tolist(), sep="\\n")
 
 def printed(**variables: str) -> tuple[list[str], str]:
     """Hashes of the runs, and products by linear algebra, with these environment variables in place of the suite's."""
-    kept = environment() | variables
+    kept = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))} | variables
     for name in {"NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE"} - variables.keys():
         kept.pop(name, None)
-    done = subprocess.run(command("-c", RUN), env=kept, capture_output=True, text=True, timeout=600)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", RUN], env=kept, capture_output=True, text=True, timeout=600
+    )
     assert done.returncode == 0, done.stderr
     *runs, products = done.stdout.split(maxsplit=3)
     return runs, products

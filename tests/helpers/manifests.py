@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from vibroswarm.core.folders import SEAL, about_file, manifest_text
+from vibroswarm.core.folders import about_file, manifest_text
 
 
 def resealed(manifest: Path) -> None:
@@ -13,6 +13,6 @@ def resealed(manifest: Path) -> None:
     values = json.loads(manifest.read_text(encoding="utf-8"))
     for name, about in values.get("files", {}).items():
         about |= about_file((manifest.parent / name).read_bytes())
-    values = {key: value for key, value in values.items() if key not in (SEAL, "format", "kind")}
+    values = {key: value for key, value in values.items() if key not in ("format", "kind")}
     kind = json.loads(manifest.read_text(encoding="utf-8"))["kind"]
     manifest.write_text(manifest_text(kind, **values), encoding="utf-8")

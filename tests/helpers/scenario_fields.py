@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any, Literal, get_args, get_origin
 
 from vibroswarm.scenario.plugins import field_of
-from vibroswarm.scenario.scenario import Scenario, field_names, kind_of, value_of
+from vibroswarm.scenario.scenario import Scenario, field_types, value_of
 
 DEFAULT = Scenario()
 
@@ -27,13 +27,13 @@ def default(name: str) -> Any:
 
 
 def annotation(name: str) -> Any:
-    return kind_of(name)
+    return field_types()[name]
 
 
-FLOATS = [name for name in field_names() if isinstance(default(name), float)]
-INTS = [name for name in field_names() if type(default(name)) is int]
-FLAGS = [name for name in field_names() if isinstance(default(name), bool)]
-WORDS = [name for name in field_names() if get_origin(annotation(name)) is Literal]
+FLOATS = [name for name in field_types() if isinstance(default(name), float)]
+INTS = [name for name in field_types() if type(default(name)) is int]
+FLAGS = [name for name in field_types() if isinstance(default(name), bool)]
+WORDS = [name for name in field_types() if get_origin(annotation(name)) is Literal]
 OTHERS = {
     "task.name": "another_task",
     "floor.source": "stripe:0.46",

@@ -63,9 +63,7 @@ def vibroswarm(*arguments: str, package: Path) -> subprocess.CompletedProcess[st
 
 
 @pytest.mark.slow
-def test_only_what_is_chosen_is_loaded_and_two_packages_may_not_share_its_name(
-    package: Path, tmp_path: Path
-) -> None:
+def test_only_what_is_chosen_is_loaded(package: Path, tmp_path: Path) -> None:
     points = package / "mine-1.0.dist-info" / "entry_points.txt"
     points.write_text(
         POINTS.replace(
@@ -82,16 +80,3 @@ def test_only_what_is_chosen_is_loaded_and_two_packages_may_not_share_its_name(
         assert done.returncode == 0, done.stderr
     misspelt = vibroswarm("run", "--set", "strategy.eta=3", package=package)
     assert "did you mean 'strategy.soft.eta'?" in misspelt.stderr
-
-    other = package / "other-1.0.dist-info"
-    shutil.copytree(package / "mine", package / "other")
-    other.mkdir()
-    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
-    (other / "entry_points.txt").write_text("[vibroswarm.strategies]\nvoter = other.voter:voter\n")
-    refused = vibroswarm("run", "--strategy", "voter", package=package)
-    assert refused.returncode == 2
-    both = (
-        "other.voter:voter: is another strategy 'voter' than mine",
-        "mine.voter:voter: is another strategy 'voter'",
-    )
-    assert any(words in refused.stderr for words in both), refused.stderr

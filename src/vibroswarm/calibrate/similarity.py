@@ -39,12 +39,12 @@ from itertools import combinations, product
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from scipy.special import stdtrit
 
 from vibroswarm.analysis.intervals import Interval, finite_limits, mean_interval, pseudo_values
 from vibroswarm.calibrate.features import histogram, shapeless
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.distances import sum_of_distances
 from vibroswarm.core.rng import Purpose, uniforms
 
 DRAWS: Final = 20
@@ -257,8 +257,8 @@ def mean_distance(one: Floats, other: Floats | None = None) -> float:
         return _mean_along_a_line(one[:, 0], None if other is None else other[:, 0])
     others = one if other is None else other
     pairs = len(one) * (len(others) - (other is None))  # without ``other``, a row is not paired with itself
-    # ``sum_of_distances`` takes its second argument as (columns, n).
-    return sum_of_distances(np.ascontiguousarray(one), np.ascontiguousarray(others.T)) / pairs
+    parts = np.array_split(one, len(one) // 1000 + 1)  # all distances at once would fill the memory
+    return float(sum(cdist(part, others).sum() for part in parts)) / pairs
 
 
 def _mean_along_a_line(one: Floats, other: Floats | None) -> float:

@@ -13,7 +13,7 @@ from vibroswarm.cli.options import Force, Json, TomlFile
 from vibroswarm.cli.progress import progress_bar
 from vibroswarm.cli.scenario_options import scenario_named
 from vibroswarm.cli.terminal import say
-from vibroswarm.core.atomic_io import check_free, write_text
+from vibroswarm.core.atomic_io import check_free, write_file
 from vibroswarm.errors import named
 
 Recordings = Annotated[Path, Option("folders of recordings (lab import)", "REAL")]
@@ -181,6 +181,6 @@ def fit(
         with progress_bar("folds") as progress:
             judged = validated(dataset, scenario, other, candidates=candidates, progress=progress)
     if out is not None:
-        write_text(out, fitted.scenario.to_toml(), replace=force)
+        write_file(out, fitted.scenario.to_toml(), replace=force)
     print_document(fit_document(fitted, judged), as_json=json)
     print_saved_file(out, as_json=json)

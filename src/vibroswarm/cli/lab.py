@@ -15,7 +15,7 @@ from vibroswarm.cli.option_values import pair_of, refuse, toml_path
 from vibroswarm.cli.options import Drawn, Force, Json, Opened, Paged, ScenarioOptions, TomlFile
 from vibroswarm.cli.scenario_options import refuse_settings, scenario_from, scenario_named, words_of
 from vibroswarm.cli.terminal import say
-from vibroswarm.core.atomic_io import check_free, whole_folder, write_text
+from vibroswarm.core.atomic_io import check_free, whole_folder, write_file
 from vibroswarm.errors import check_choice, named
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ def threshold(
         write_law(fitted, scenario, law, replace=force)
         found = replace(found, law=law_table(fitted))
     if out is not None:
-        write_text(out, scenario.to_toml(), replace=force)
+        write_file(out, scenario.to_toml(), replace=force)
     print_document(found, as_json=json)
     print_saved_file(out, f"sensor.rms_threshold = {written}: {found.chosen.rule}", as_json=json)
     print_saved_file(

@@ -6,8 +6,9 @@ wrong robots, where an undecided robot counts as if it had decided for the answe
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,7 +31,7 @@ from vibroswarm.cli.progress import STAGES, progress_bar
 from vibroswarm.cli.scenario_options import refuse_settings, warned, words_of
 from vibroswarm.cli.studies import claim_study, print_plan
 from vibroswarm.cli.terminal import say
-from vibroswarm.core.atomic_io import folder_lock, remove_folder, whole_file, write_files
+from vibroswarm.core.atomic_io import whole_file, write_files
 from vibroswarm.errors import InputError
 
 
@@ -212,8 +213,7 @@ def tune(
     saves_in(None, resumes=False)  # after Ctrl-C, nothing is left to resume
     # The file is complete, so the saved runs are no longer needed.
     if runs_folder is not None and runs_folder.exists():
-        with suppress(InputError):  # another tuning has begun to use them, and removes them
-            remove_folder(runs_folder)
+        shutil.rmtree(runs_folder)
     print_document(tuned)
     print_saved_file(out)
 
@@ -225,7 +225,7 @@ def _runs_beside(out: Path, force: bool, *asked: object) -> Iterator[Path]:
     Args:
         asked: all that the runs depend on.
     Raises:
-        InputError: the folder holds something else, and would be removed at the end; or another process uses it.
+        InputError: the folder holds something else, and would be removed at the end.
     """
     from vibroswarm.core.folders import has_manifest, read_manifest
     from vibroswarm.documents.saved import begin, hash_of, refuse_other
@@ -242,19 +242,13 @@ def _runs_beside(out: Path, force: bool, *asked: object) -> Iterator[Path]:
     folder = folder_of_runs(out)
     claim(Saved(out=folder, force=force), check)
     begin(folder, "league tune", work)
-    is_own = False
     try:
-        # Another process would remove these runs, by --force or when it has finished.
-        with folder_lock(folder):
-            check(folder)  # another process may have replaced it before it was locked
-            is_own = True
-            yield folder
+        yield folder
     finally:
-        if is_own:
-            _remove_unused(folder)
+        _remove_unused(folder)
 
 
 def _remove_unused(folder: Path) -> None:
     """Remove the folder of a tuning's runs if the tuning ended before any, so that no later one is refused for it."""
     if folder.is_dir() and not any(path.is_dir() for path in folder.iterdir()):
-        remove_folder(folder)
+        shutil.rmtree(folder)

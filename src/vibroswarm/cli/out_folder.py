@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,6 @@ from vibroswarm.cli.option_values import refuse
 from vibroswarm.core.atomic_io import (
     check_folder,
     check_writable,
-    remove_folder,
 )
 from vibroswarm.errors import InputError
 
@@ -90,4 +90,4 @@ def claim(
             ) from None
         check_folder(out, replace=True)
         if at_once:
-            remove_folder(out)
+            shutil.rmtree(out)

@@ -11,7 +11,7 @@ from vibroswarm.cli.deliver import Destination, print_line
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Drawn, Workers
 from vibroswarm.cli.progress import labelled_progress_bar
-from vibroswarm.core.atomic_io import folder_lock, make_folder
+from vibroswarm.core.atomic_io import make_folder
 from vibroswarm.core.numbers import count
 from vibroswarm.errors import InputError, check_choice
 
@@ -63,12 +63,11 @@ def reproduce(
     # Items that depend on a changed setting are computed again, so that other settings are no reason to refuse it.
     destination = Destination(output, "reproduce")
     make_folder(out)
-    with folder_lock(out):
-        begin(out, "reproduce")
-        with labelled_progress_bar(f"reproducing {count(len(items), 'item')}") as progress:
-            reproduction = computed(settings, out, items, progress)
-        write_tables(reproduction, out / TABLES)
-        destination.deliver(reproduction)
+    begin(out, "reproduce")
+    with labelled_progress_bar(f"reproducing {count(len(items), 'item')}") as progress:
+        reproduction = computed(settings, out, items, progress)
+    write_tables(reproduction, out / TABLES)
+    destination.deliver(reproduction)
 
 
 def settings_of(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from vibroswarm.cli.deliver import print_saved_file, print_text
 from vibroswarm.cli.options import Force, OutFile, ScenarioOptions
 from vibroswarm.cli.scenario_options import scenario_from
-from vibroswarm.core.atomic_io import write_text
+from vibroswarm.core.atomic_io import write_file
 
 
 def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOptions) -> None:
@@ -16,16 +16,17 @@ def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOpt
     example:
       vibroswarm scenario --robots 8 --out mine.toml; vibroswarm run --scenario mine.toml
     """
-    from vibroswarm.scenario.presets import comment_of
+    from vibroswarm.scenario.presets import preset_text
     from vibroswarm.scenario.scenario import preset
 
     made = scenario_from(scenario, is_final=False)
     text = made.to_toml()
     if scenario.preset is not None:
         changed = "" if made == preset(scenario.preset) else "# Made from this preset, with other values:\n"
-        text = f"{changed}{comment_of(scenario.preset)}\n{text}"
+        comment = preset_text(scenario.preset).partition("\n[")[0]
+        text = f"{changed}{comment}\n{text}"
     if out is None:
         print_text(text)
         return
-    write_text(out, text, replace=force)
+    write_file(out, text, replace=force)
     print_saved_file(out, f"scenario {made.hash}")

@@ -7,31 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 DIGITS: Final = 3
 """Significant digits of the largest number of a column."""
 MISSING: Final = "-"
 """What stands in place of a number that there is not."""
-
-
-class HasLimits(Protocol):
-    """An estimate with its limits, such as ``vibroswarm.analysis.intervals.Interval``."""
-
-    @property
-    def estimate(self) -> float:
-        """The estimate."""
-        ...
-
-    @property
-    def low(self) -> float:
-        """The lower limit."""
-        ...
-
-    @property
-    def high(self) -> float:
-        """The upper limit."""
-        ...
 
 
 class Estimate(NamedTuple):
@@ -145,15 +126,14 @@ def stated_percent(share: float | None) -> str:
     return percent(share, None, digits=4)
 
 
-def with_limits(
-    interval: HasLimits, unit: str = "", decimals: int | None = None, *, sign: bool = False
-) -> str:
+def with_limits(interval: Any, unit: str = "", decimals: int | None = None, *, sign: bool = False) -> str:
     """Write an estimate, its unit and its limits: ``441 s [410, 472]``; limits that are unknown are left out.
 
     Args:
         unit: empty: none; "%": estimate and limits are shares, written in percent; "points": likewise, of differences
             of shares.
-        decimals: None: as many as suit all three numbers. 0: see ``few_decimals_of``.
+        interval: with ``estimate``, ``low`` and ``high``. decimals: None: as many as suit all three numbers. 0: see
+            ``few_decimals_of``.
     """
     values = [interval.estimate, interval.low, interval.high]
     if unit in ("%", "points"):

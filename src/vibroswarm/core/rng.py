@@ -32,126 +32,69 @@ SEED_LIMIT: Final = 2**63
 """Seeds are whole numbers in [0, 2^63)."""
 
 
-class Purpose(IntEnum):
-    """What a number is used for; each purpose has its own numbers. A value that was once used is never used again."""
-
-    PLACEMENT = 0
-    HARDWARE = 1
-    WALK = 2
-    AVOIDANCE = 3
-    SPEED = 4
-    SENSING = 5
-    MESSAGE = 6
-    LOSS = 7
-    FLOOR = 8
-    OPTIMIZER = 9
-    BOOTSTRAP = 10
-    HEARING = 12
-    TIMER = 13
-    BEGINNING = 14
-    STEERING = 15
-    NETWORK = 16
-    FAULT = 18
-    ODOMETRY = 20
-    LOCALISATION = 21
-    VEER = 22
-    CHANGE = 23
-    VIBRATION = 24
-    MOTOR = 25
-    VIDEO = 30
-    PATCH = 31
-    MISREAD = 32
-
-
-def _number(value: int) -> int:
-    """Return a NumPy integer: for a global Python integer Numba compiles a kernel again for each value."""
-    return np.int64(value)  # type: ignore[return-value]
+Purpose = IntEnum(
+    "Purpose",
+    {
+        "PLACEMENT": 0,  # a robot's place at the start: position, lattice site and heading
+        "HARDWARE": 1,  # how robots, or tiles, differ from each other for a whole run
+        "WALK": 2,  # a walk's legs and turns
+        "AVOIDANCE": 3,
+        "SPEED": 4,  # robots' speed factors
+        "SENSING": 5,  # samples: what the sensor reads
+        "MESSAGE": 6,  # for a strategy, after a robot's own sample, when it may send a message
+        "LOSS": 7,  # which messages are lost
+        "FLOOR": 8,
+        "OPTIMIZER": 9,
+        "BOOTSTRAP": 10,
+        "HEARING": 12,  # for a strategy, of a message that a robot receives
+        "TIMER": 13,  # for a strategy, when a robot's timer is due
+        "BEGINNING": 14,  # for a strategy, at the start of a run
+        "STEERING": 15,  # for a strategy, when it steers a robot
+        "NETWORK": 16,
+        "FAULT": 18,
+        "ODOMETRY": 20,  # errors of odometry
+        "LOCALISATION": 21,
+        "VEER": 22,  # how a robot's misalignment varies (``robot_params``)
+        "CHANGE": 23,  # how a floor changes during a run (``floors.changes``)
+        "VIBRATION": 24,  # one sample's acceleration: feet, contact, noise, phases (``sensors.acceleration``)
+        "MOTOR": 25,  # how motors below tiles vary in time, which all robots feel
+        "VIDEO": 30,
+        "PATCH": 31,  # a floor's patches and values
+        "MISREAD": 32,  # by which biased sensors read another class
+    },
+)
+"""What a number is used for; each purpose has its own numbers. A value that was once used is never used again."""
 
 
-PLACEMENT: Final = _number(Purpose.PLACEMENT)
-"""Purpose of numbers that place a robot at the start: position, lattice site and heading."""
-HARDWARE: Final = _number(Purpose.HARDWARE)
-"""Purpose of numbers that make robots, or tiles, differ from each other for a whole run."""
-WALK: Final = _number(Purpose.WALK)
-"""Purpose of the numbers of a walk's legs and turns."""
-AVOIDANCE: Final = _number(Purpose.AVOIDANCE)
-"""Purpose of the numbers of avoidances."""
-SPEED: Final = _number(Purpose.SPEED)
-"""Purpose of the numbers of robots' speed factors."""
-SENSING: Final = _number(Purpose.SENSING)
-"""Purpose of the numbers of samples: what the sensor reads."""
-MESSAGE: Final = _number(Purpose.MESSAGE)
-"""Purpose of the numbers that a strategy uses after a robot's own sample, when it may send a message."""
-LOSS: Final = _number(Purpose.LOSS)
-"""Purpose of the numbers that decide which messages are lost."""
-FLOOR: Final = _number(Purpose.FLOOR)
-HEARING: Final = _number(Purpose.HEARING)
-"""Purpose of the numbers that a strategy uses for a message that a robot receives."""
-TIMER: Final = _number(Purpose.TIMER)
-"""Purpose of the numbers that a strategy uses when a robot's timer is due."""
-BEGINNING: Final = _number(Purpose.BEGINNING)
-"""Purpose of the numbers that a strategy uses at the start of a run."""
-STEERING: Final = _number(Purpose.STEERING)
-"""Purpose of the numbers that a strategy uses when it steers a robot."""
-NETWORK: Final = _number(Purpose.NETWORK)
-"""Purpose of the numbers of a network."""
-FAULT: Final = _number(Purpose.FAULT)
-ODOMETRY: Final = _number(Purpose.ODOMETRY)
-"""Purpose of the numbers of the errors of odometry."""
-LOCALISATION: Final = _number(Purpose.LOCALISATION)
-VEER: Final = _number(Purpose.VEER)
-"""Purpose of the numbers by which a robot's misalignment varies (``robot_params``)."""
-VIBRATION: Final = _number(Purpose.VIBRATION)
-"""Purpose of the numbers of one sample's acceleration: feet, contact, noise, phases (``sensors.acceleration``)."""
-MOTOR: Final = _number(Purpose.MOTOR)
-"""Purpose of the numbers by which motors below tiles vary in time, which all robots feel."""
+def _numbers(*values: int) -> tuple[int, ...]:
+    """Return NumPy integers: for a global Python integer Numba compiles a kernel again for each value."""
+    return tuple(map(np.int64, values))  # type: ignore[arg-type]
 
-CHANGE: Final = _number(Purpose.CHANGE)
-"""Purpose of the numbers by which a floor changes during a run (``floors.changes``)."""
-PATCH: Final = _number(Purpose.PATCH)
-"""Purpose of the numbers of a floor's patches and values."""
-MISREAD: Final = _number(Purpose.MISREAD)
-"""Purpose of the numbers by which biased sensors read another class."""
 
-FIRST: Final = _number(0)
-"""Index of a number of which there is only one."""
-ALONE: Final = _number(0)
-"""Peer of a number that concerns no other robot."""
-OF_HEADING: Final = _number(1)
-"""Peer that separates the number of the heading at the start from those of the place."""
-OF_SITE: Final = _number(2)
-"""Peer that separates the number of the lattice site at the start from those of the place."""
-OF_WANDER: Final = _number(1)
-"""First peer of the pair of numbers by which a robot's speed wanders at a sample."""
-OF_DRIFT: Final = _number(2)
-"""First peer of the pair of numbers of a veer's slow variation; those of its wander are ``ALONE`` and the next."""
-OF_DAY: Final = _number(4)
-"""First peer of the pair of numbers of a veer's variation from run to run, and of a speed's."""
-OF_EDGE: Final = _number(1)
-"""Peer of a sample's second number: the side of a tile's edge on which it is sensed."""
-OF_TILE: Final = _number(1)
-OF_SENSOR: Final = _number(2)
-"""Peers that separate the numbers of tile and sensor factors from those of the wheels."""
-OF_SCALE: Final = _number(2)
-OF_BIAS: Final = _number(4)
-OF_REZERO: Final = _number(6)
-"""Peers of the pairs of numbers of a gyro's scale and bias, and of the bias measured at a stop; those of its noise in a
-move are ``ALONE`` and the next."""
-OF_RAY: Final = _number(8)
-"""First peer of the pair of numbers of a ray's error, as it is measured when an avoidance begins."""
-OF_TOLD_X: Final = _number(2)
-OF_TOLD_Y: Final = _number(4)
-OF_TOLD_HEADING: Final = _number(6)
+(
+    PLACEMENT, HARDWARE, WALK, AVOIDANCE, SPEED, SENSING, MESSAGE, LOSS, FLOOR, OPTIMIZER, BOOTSTRAP, HEARING, TIMER,
+    BEGINNING, STEERING, NETWORK, FAULT, ODOMETRY, LOCALISATION, VEER, CHANGE, VIBRATION, MOTOR, VIDEO, PATCH, MISREAD,
+) = _numbers(*Purpose)  # fmt: skip
+"""The purposes for kernels."""
+
+FIRST, ALONE = _numbers(0, 0)
+"""Index of a number of which there is only one; peer of a number that concerns no other robot."""
+OF_HEADING, OF_SITE = _numbers(1, 2)
+"""Peers that separate the numbers of heading and lattice site at the start from those of the place."""
+OF_WANDER, OF_DRIFT, OF_DAY = _numbers(1, 2, 4)
+"""First peers of the pairs of numbers by which a robot's speed wanders at a sample, of a veer's slow variation (those
+of its wander are ``ALONE`` and the next), and of a veer's, and a speed's, variation from run to run."""
+OF_EDGE, OF_TILE, OF_SENSOR = _numbers(1, 1, 2)
+"""Peer of a sample's second number: the side of a tile's edge on which it is sensed; peers that separate the numbers of
+tile and sensor factors from those of the wheels."""
+OF_SCALE, OF_BIAS, OF_REZERO, OF_RAY = _numbers(2, 4, 6, 8)
+"""First peers of the pairs of numbers of a gyro's scale and bias, of the bias measured at a stop (those of its noise in
+a move are ``ALONE`` and the next), and of a ray's error, as it is measured when an avoidance begins."""
+OF_TOLD_X, OF_TOLD_Y, OF_TOLD_HEADING = _numbers(2, 4, 6)
 """First peers of the pairs of numbers of the errors in the start (x, y, heading) that a robot assumes."""
 
-_M0: Final = 0xD2511F53
-"""First of the two multipliers of Philox4x32."""
-_M1: Final = 0xCD9E8D57
-"""Second of the two multipliers of Philox4x32."""
-_W0: Final = 0x9E3779B9
-"""Philox4x32 adds this number to the first word of the key after each round."""
-_W1: Final = 0xBB67AE85
-"""Philox4x32 adds this number to the second word of the key after each round."""
+_M0, _M1, _W0, _W1 = 0xD2511F53, 0xCD9E8D57, 0x9E3779B9, 0xBB67AE85
+"""The two multipliers of Philox4x32, and what it adds to the two words of the key after each round."""
 _LOW: Final = 0xFFFFFFFF
 """Mask of the lower 32 bits."""
 _SCALE: Final = 2.0**-52

@@ -99,8 +99,6 @@ _FORMULA: Final = r"^'*[=+\-@\t\r]"
 """Texts that get an apostrophe: formulas, and formulas with apostrophes before them."""
 _NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 """Texts that are numbers."""
-_MARK: Final = "'"
-"""The apostrophe, by which spreadsheets mark a text."""
 
 
 def csv_bytes(frame: pl.DataFrame) -> bytes:
@@ -128,6 +126,5 @@ def escaped(frame: pl.DataFrame) -> pl.DataFrame:
         if kind in (pl.String, pl.Categorical, pl.Enum):
             text = pl.col(name).cast(pl.String)
             formula = text.str.contains(_FORMULA) & ~text.str.contains(_NUMBER) & (text != "-")
-            columns.append(pl.when(formula).then(pl.lit(_MARK) + text).otherwise(text).alias(name))
-    escaped_names = {name: f"{_MARK}{name}" for name in frame.columns if name.startswith(tuple("=+-@\t\r"))}
-    return frame.with_columns(columns).rename(escaped_names)
+            columns.append(pl.when(formula).then(pl.lit("'") + text).otherwise(text).alias(name))
+    return frame.with_columns(columns)

@@ -21,21 +21,16 @@ def check_plain(path: Path, most: int, what: str) -> None:
     Raises:
         InputError: the file is missing, not a regular file, or too large.
     """
-    if not path.exists():
-        raise InputError("cannot be read: there is no such file", field=str(path))
     if not path.is_file():
-        raise InputError("is a folder or a device; give the name of a file", field=str(path))
+        raise InputError("cannot be read: there is no such file", field=str(path))
     if path.stat().st_size > most:
         raise InputError(f"is larger than {most / 2**20:g} MiB; that is not {what}", field=str(path))
 
 
 def read_bytes(path: Path, most: int, what: str) -> bytes:
     """Read a regular file of at most ``most`` bytes; arguments and errors are those of ``check_plain``."""
-    try:
-        check_plain(path, most, what)
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", field=str(path)) from None
+    check_plain(path, most, what)
+    return path.read_bytes()
 
 
 def read_text(path: Path, what: str, most: int = MAX_TEXT, *, filled: bool = False) -> str:
@@ -77,5 +72,4 @@ def parsed_toml(text: str, name: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        hint = "; if the value is text, write it in quotes" if str(error).startswith("Invalid value") else ""
-        raise InputError(f"is not TOML: {error}{hint}", field=name) from None
+        raise InputError(f"is not TOML (texts stand in quotes): {error}", field=name) from None

@@ -1,14 +1,12 @@
-"""A user's Python code: its texts, its errors in one sentence, and how calls in other threads are ended."""
+"""A user's Python code: its texts, and its errors in one sentence."""
 
 from __future__ import annotations
 
-import ctypes
 import dis
 import sys
 import sysconfig
-import threading
 import traceback
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -18,8 +16,6 @@ from vibroswarm.errors import CodeError, InputError, RunError
 
 TEXT: Final = "__text__"
 """Global variable of the module of a user's file that was loaded by name: its text. Several files may have its name."""
-_running: list[int] = []
-"""Identifiers of the threads that are in a block of ``errors_in``, once for each block."""
 
 
 @contextmanager
@@ -32,8 +28,6 @@ def errors_in(code: str, otherwise: str = "") -> Iterator[None]:
     Raises:
         InputError: Numba cannot compile a function. CodeError: the file raised another error.
     """
-    thread = threading.get_ident()
-    _running.append(thread)
     try:
         yield
     except (CodeError, InputError, RunError):  # these have a message for users already
@@ -48,22 +42,6 @@ def errors_in(code: str, otherwise: str = "") -> Iterator[None]:
         does_not_compile = type(error).__module__.startswith("numba.")
         kind = InputError if does_not_compile else CodeError
         raise kind(f"{place}: {type(error).__name__}: {error}") from None
-    finally:
-        _running.remove(thread)
-
-
-def interrupt_in(threads: Collection[int]) -> None:
-    """Raise ``KeyboardInterrupt`` in those of some threads that are in a block of ``errors_in``.
-
-    It ends also a function that would never return, as soon as the thread runs a line of Python.
-
-    Args:
-        threads: their identifiers.
-    """
-    for thread in set(threads).intersection(_running):
-        ctypes.pythonapi.PyThreadState_SetAsyncExc(
-            ctypes.c_ulong(thread), ctypes.py_object(KeyboardInterrupt)
-        )
 
 
 def is_known(module: object) -> bool:

@@ -13,7 +13,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.map_scores import SURE, calibration
-from vibroswarm.core.atomic_io import write_text
+from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.numbers import count, number, percent, size, span, stated, stated_percent, verb, whole
 from vibroswarm.documents.cell_figures import WIDEST_MAP, tile_lines
 from vibroswarm.documents.damage import (
@@ -329,4 +329,4 @@ def write_certificate(path: Path, found: Inspection) -> None:
     """Write the certificate of an inspection as one HTML page, which prints on one sheet of A4."""
     from vibroswarm.show.page import certificate_html
 
-    write_text(path, certificate_html(certificate_document(found)), replace=True)
+    write_file(path, certificate_html(certificate_document(found)), replace=True)

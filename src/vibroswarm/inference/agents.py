@@ -97,7 +97,6 @@ def strategy_used(scenario: Scenario) -> Strategy:
     Raises:
         InputError: it is a user's, and its file is not loaded.
     """
-    scenario.strategy.check_loaded()
     return strategy_of(scenario.strategy.name)
 
 

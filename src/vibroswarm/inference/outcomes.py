@@ -105,7 +105,6 @@ class _Question:
 
     def __init__(self, scenario: Scenario) -> None:
         asked = scenario.task
-        asked.check_loaded()
         self.task, self.params = task(asked.name), asked.params
         self._asked = Asked(
             scenario.arena.width_m,

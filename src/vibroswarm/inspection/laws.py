@@ -30,7 +30,7 @@ from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.few_groups import limits_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
-from vibroswarm.core.atomic_io import write_text
+from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.numbers import count, p_value, percent, stated
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, in_file
@@ -370,4 +370,4 @@ def write_law(law: Law, base: Scenario, path: Path, *, replace: bool = False) ->
         | {f"sensor.{name}": getattr(law.sensor, name) for name in FITTED}
         | law.camera.fields()
     )
-    write_text(path, scenario.to_toml(), replace=replace)
+    write_file(path, scenario.to_toml(), replace=replace)

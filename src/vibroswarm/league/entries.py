@@ -35,7 +35,7 @@ from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice, check_known_keys, named, number_of
 from vibroswarm.floors.source import is_random, resolve, source_of
 from vibroswarm.scenario import plugins
-from vibroswarm.scenario.scenario import field_names, parse_values
+from vibroswarm.scenario.scenario import field_types, parse_values
 from vibroswarm.strategies import known
 from vibroswarm.strategies.static_analysis import told
 
@@ -130,7 +130,7 @@ def entries_of(names: Sequence[str], settings: Settings) -> tuple[Entry, ...]:
     codes = {plugins.name_in(name) if plugins.is_code(name) else name: name for name in names}
     if len(codes) < len(names):
         raise InputError("a strategy occurs twice", field="strategy")
-    fields = field_names()
+    fields = field_types()
     found: list[Entry] = []
     for name, given in codes.items():
         check_choice(name, "strategy", plugins.known_for("strategy", name))
@@ -210,7 +210,7 @@ def varied_by(entries: Sequence[Entry], text: str) -> tuple[Entry, ...]:
     """
     name, values = parse_values(text, "[strategy:]section.field=value,value")
     strategy, only_one, field = name.rpartition(":")
-    check_known_keys([field], "vary", field_names())
+    check_known_keys([field], "vary", field_types())
     if only_one:
         check_choice(strategy, "vary", dict.fromkeys(entry.strategy for entry in entries))
     found: list[Entry] = []

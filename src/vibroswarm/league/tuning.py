@@ -44,7 +44,7 @@ from vibroswarm.errors import InputError, check_kind, check_known_keys, in_file
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.entries import AIM, Entry, LeagueFloor, entries_of, read_settings, shipped
 from vibroswarm.league.standings import League, Standings
-from vibroswarm.scenario.scenario import Scenario, field_names
+from vibroswarm.scenario.scenario import Scenario, field_types
 from vibroswarm.study.factors import bounds_of, points_of
 
 AIMS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.12, 0.14, 0.16, 0.18, 0.20, 0.25)
@@ -107,7 +107,7 @@ def read_spaces(path: Path) -> dict[str, dict[str, Any]]:
     with in_file(path):
         for name, space in found.items():
             check_kind(space, dict, name, "the table of a strategy's fields, such as [none]")
-            check_known_keys(space, name, field_names())
+            check_known_keys(space, name, field_types())
             if ranges := _ranges(space):
                 points_of({"sobol": {"points": 1, "seed": 1, **ranges}})
     return found

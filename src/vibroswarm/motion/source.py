@@ -168,7 +168,7 @@ def source(name: str) -> Source:
     Raises:
         InputError: there is no such source, or its file is not loaded; the message suggests a similar name.
     """
-    return plugins.found("motion", name, _registry)
+    return plugins.found("motion", name)
 
 
 plugins.KINDS["motion"] = plugins.Kind(Source, register, known, "vibroswarm.motion")

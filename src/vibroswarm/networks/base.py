@@ -66,24 +66,18 @@ class Network(Plugin):
         """Check the name of the network, and its function unless it is of this package (``is_shipped``).
 
         Raises:
-            InputError: the network's name is invalid, or as of ``check_hooks``.
+            InputError: the name is invalid, there are both ``lost`` and ``send``, or the function takes a wrong number
+                of arguments, uses a field that does not exist, or makes runs that cannot be repeated
+                (``check_function``).
         """
         params = self.params  # as given: the model that replaces it is made by this package
         super().__post_init__()
-        if not is_shipped(params, self.state, self.arrays, self.lost, self.send):
-            self.check_hooks()
-
-    def check_hooks(self) -> None:
-        """Check the function ``lost`` or ``send``.
-
-        Raises:
-            InputError: there are both ``lost`` and ``send``, or the function takes a wrong number of arguments, uses a
-                field that does not exist, or makes runs that cannot be repeated (``check_function``).
-        """
+        if is_shipped(params, self.state, self.arrays, self.lost, self.send):
+            return
         if self.lost is not None and self.send is not None:
             raise InputError("has both lost and send; give one of them", field=self.name)
         # Names of the fields or arrays of each argument that has any. Parameters that are lists belong to ``a``.
-        names_of = {
+        names_of: dict[str, Any] = {
             "n": self.state_type.names,
             "a": (*self.lists, *arrays_of(self.arrays)),
             "p": self.params_type.names,
@@ -108,20 +102,17 @@ class Network(Plugin):
     @cached_property
     def lists(self) -> dict[str, type]:
         """Names of the parameters that are lists (declared as ``tuple[TYPE, ...]``), each with its type of elements."""
-        kinds = self._param_kinds.items()
-        return {name: get_args(kind)[0] for name, kind in kinds if get_origin(kind) is tuple}
+        return {name: get_args(kind)[0] for name, kind in self._kinds.items() if get_origin(kind) is tuple}
 
     @property
-    def _param_kinds(self) -> dict[str, Any]:
+    def _kinds(self) -> dict[str, Any]:
         params: Any = self.params  # a model, see ``Plugin``
         return {name: info.annotation for name, info in params.model_fields.items()}
 
     @cached_property
     def params_type(self) -> np.dtype[np.void]:
         """NumPy row type of the parameters that are not lists; if there are none, it has one field that is not used."""
-        if not self.lists:
-            return super().params_type
-        scalars = [(name, KINDS[kind]) for name, kind in self._param_kinds.items() if name not in self.lists]
+        scalars = [(name, KINDS[kind]) for name, kind in self._kinds.items() if name not in self.lists]
         return np.dtype(scalars or [(UNUSED, np.int64)])
 
     def arrays_of(self, params: object, sizes: Mapping[str, int]) -> dict[str, NDArray[Any]]:

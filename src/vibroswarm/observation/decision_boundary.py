@@ -35,7 +35,6 @@ from vibroswarm.observation.edge_response import FAR, share_past, tiles_around, 
 from vibroswarm.observation.energy_model import claimed_error_rates, error_rates, mean_shares_below, rates
 from vibroswarm.scenario.fields import Arena, FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.scenario.validation import is_neutral_at_half_only
 
 GRID = 40
 """Number of points along a tile's side at which sensing is averaged. On a tile so large that its middle is out of reach
@@ -74,7 +73,7 @@ def readings_boundary(scenario: Scenario) -> float:
         return decision.decision_boundary
     tested = _expected_at(scenario)
     # Sums of shares of tiles may be off by rounding.
-    if is_neutral_at_half_only(scenario) and not math.isclose(tested, 0.5, rel_tol=1e-12):
+    if scenario.strategy.entry.boundary_half and not math.isclose(tested, 0.5, rel_tol=1e-12):
         raise InputError(
             f"'{scenario.strategy.name}' is neutral at a boundary of 0.5 only, and this one is tested at "
             f'{tested:.4f} of the readings; choose another strategy, or decision.boundary_of = "readings"',

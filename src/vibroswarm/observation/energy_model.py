@@ -40,7 +40,6 @@ def model_of(sensor: Sensor) -> SensorModel:
     Raises:
         InputError: it is a user's, and its file is not loaded.
     """
-    sensor.check_loaded()
     return sensors.sensor(sensor.model)
 
 

@@ -67,9 +67,8 @@ def check_ready(search: Search) -> None:
     """Check that a search can begin, with its code and the installed libraries; called before anything is written.
 
     Raises:
-        InputError: as of ``Search.check_loaded`` and ``stage_of``.
+        InputError: as of ``stage_of``.
     """
-    search.check_loaded()
     stage_of(search, Archive(search.space, search.objectives))  # made only for its checks
 
 

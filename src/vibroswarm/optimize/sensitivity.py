@@ -137,9 +137,8 @@ def design_of(search: Search, budget: int, replicates: int = PIECE) -> Array:
     """Draw the design of an analysis, see ``saltelli``; ``budget`` and ``replicates`` as in ``sobol_indices``.
 
     Raises:
-        InputError: as of ``Search.check_loaded`` and ``saltelli``, or the budget is too small.
+        InputError: as of ``saltelli``, or the budget is too small.
     """
-    search.check_loaded()
     least = LEAST * (search.space.size + 2) * replicates
     if budget < least:
         fields = count(search.space.size, "field")

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError, plain_value
-from vibroswarm.scenario.scenario import Scenario, kind_of, value_of
+from vibroswarm.scenario.scenario import Scenario, field_types, value_of
 from vibroswarm.study.factors import bounds_of, fields_in, value_between
 
 Point = NDArray[np.float64]
@@ -83,7 +83,7 @@ class Dimension:
         if isinstance(given, Mapping) and "steps" in given:
             raise InputError("'steps' is for a grid; leave it out", field=field)
         low, high, scale, is_whole = bounds_of(given, field)
-        if kind_of(name) is int and not is_whole:
+        if field_types().get(name) is int and not is_whole:
             raise InputError("holds whole numbers; give whole ends, such as 1 and 20", field=field)
         if is_whole and not (float(low).is_integer() and float(high).is_integer()):
             raise InputError(

@@ -207,19 +207,6 @@ class Search:
                 if len(wrong) == len(points):
                     raise InputError(wrong[0].reason, field=f"space.{one.name}")
 
-    def check_loaded(self) -> None:
-        """Refuse code of the scenarios or among the choices that is not loaded.
-
-        Raises:
-            InputError: some is not.
-        """
-        for part in (part for cell in self.cases for part in cell.scenario.choices):
-            part.check_loaded()
-        for one in self.space:
-            for choice in filter(plugins.is_code, one.choices):
-                if plugins.text_of(choice) is None:
-                    raise plugins.not_loaded(choice, f"space.{one.name}")
-
     def _error_with(self, values: Values) -> InputError | None:
         """Return why the first case cannot have these values; None if it can."""
         try:

@@ -38,7 +38,6 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.atomic_io import (
     MANIFEST,
-    folder_lock,
     make_folder,
     write_files,
 )
@@ -175,21 +174,15 @@ class SearchFolder:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Make the folder if it does not exist, and lock it for this process until the end of the block.
-
-        A folder that was made, and in which no step was saved, is removed again.
+        """Make the folder if it does not exist; if no step was saved in the block, remove it again.
 
         Raises:
-            InputError: another process uses the folder, it holds another search, or something else is in the place of a
-                file of it. RunError: it cannot be written.
+            InputError: it cannot be made.
         """
         is_new = not self.folder.exists()
         make_folder(self.folder)
         try:
-            with folder_lock(self.folder):
-                # ``__init__`` checked this before the folder was locked: another process may have made a search since.
-                self._is_there()
-                yield
+            yield
         finally:
             if is_new:
                 with suppress(OSError):  # it is not empty

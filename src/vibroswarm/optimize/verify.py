@@ -191,7 +191,6 @@ def _of_study(folder: Path) -> _Part:
 
 def _of_search(folder: Path) -> _Part:
     search = saved_search(folder)
-    search.check_loaded()
     fresh, damaged = FreshFolder(folder, search).recorded()
     for path in sorted((folder / STEPS).glob("*.json")):
         try:

@@ -45,7 +45,7 @@ from vibroswarm.observation.observe import kinds_at
 from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
-from vibroswarm.scenario.scenario import Scenario, field_names, parse_setting
+from vibroswarm.scenario.scenario import Scenario, field_types, parse_setting
 from vibroswarm.simulation import MAX_RUNS
 from vibroswarm.strategies import Strategy, known
 from vibroswarm.strategies import strategy as strategy_of
@@ -558,7 +558,7 @@ def replayed_settings(settings: Sequence[str], gate: str | None = None) -> dict[
             options set the gate, or ``--set`` names a strategy, which ``--strategy`` does.
     """
 
-    known = [name for name in field_names() if name.partition(".")[0] in REPLAYABLE]
+    known = [name for name in field_types() if name.partition(".")[0] in REPLAYABLE]
     values: dict[str, Any] = {}
     if gate is not None:
         values["decision.gate"] = gate

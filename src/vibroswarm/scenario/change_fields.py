@@ -16,7 +16,7 @@ from pydantic import Field, field_validator, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.numbers import stated
-from vibroswarm.errors import InputError, named, shown
+from vibroswarm.errors import InputError, named
 from vibroswarm.floors.changes import Changes, changes_between, grown, markov_changes, permuted
 from vibroswarm.floors.floor import DIGITS, Floor, as_tiles
 from vibroswarm.floors.source import SUM_TO_1, is_random, is_redrawn, named_tiles
@@ -63,20 +63,17 @@ class Change(FrozenModel):
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
-        times, to, shares = self.at_s or (), self.to or (), self.shares or ()
-        if bool(times) != bool(to) or (self.rate_per_h is None and shares) or (self.rate_per_h and times):
+        times, to, is_one = self.at_s or (), self.to or (), abs(sum(self.shares or (1.0,)) - 1.0) <= SUM_TO_1
+        is_timed = (
+            0 < len(times) == len(set(times)) and list(times) == sorted(times) and len(to) in (1, len(times))
+        )
+        is_still = not (times or to)
+        if not (is_still and is_one if self.rate_per_h else (is_still or is_timed) and self.shares is None):
             raise InputError(
-                "give either at_s and to, or rate_per_h, to which shares may be added", field="change"
+                "give either ascending times at_s and what becomes of it then, to, one for all times or one for each; "
+                "or rate_per_h, to which shares may be added that sum to 1",
+                field="change",
             )
-        if list(times) != sorted(set(times)):
-            raise InputError(f"{shown(list(times))} must ascend, each time once", field="change.at_s")
-        if len(to) not in (0, 1, len(times)):
-            raise InputError(
-                f"has {len(to)} entries for {len(times)} times; give one for all, or one for each",
-                field="change.to",
-            )
-        if shares and abs(sum(shares) - 1.0) > SUM_TO_1:
-            raise InputError(f"sum to {sum(shares):.12g}, not to 1", field="change.shares")
         return self
 
     @property
@@ -128,60 +125,39 @@ def _next(
     tiles = floor.tiles
     if to == GROW:
         return grown(tiles)
-    if kind_of_name(to) == PATCHES:
-        return _patched(to, floor, floor.box_within(*arena_m), number, seed, run)
-    if to == INVERT:
-        if tiles.max() > 1:
-            raise InputError("inverts two kinds of tile, and this floor has more", field="change.to")
-        return (1 - tiles).astype(np.uint8)
     if to == REDRAW:
         return permuted(tiles, number, seed, run)
-    found = _tiles_of(to, tiles.shape[0], tiles.shape[1], seed, run)
+    with named("change.to"):
+        if to == INVERT:
+            return as_tiles(1 - tiles.astype(np.int64))
+        if kind_of_name(to) == PATCHES:
+            return _patched(to, floor, arena_m, number, seed, run)
+        is_rows = set(to) <= {*DIGITS, "/"}
+        rows = [[int(tile, 16) for tile in row] for row in to.split("/")] if is_rows else None
+        found = as_tiles(rows) if rows else named_tiles(to, tiles.shape[0], tiles.shape[1], seed, run)
     if found.shape != tiles.shape:
-        raise InputError(
-            f"'{to}' has {found.shape[0]}x{found.shape[1]} tiles, and the floor {tiles.shape[0]}x{tiles.shape[1]}",
-            field="change.to",
-        )
+        raise InputError(f"'{to}' has {found.shape} tiles, and the floor {tiles.shape}", field="change.to")
     # A random floor is drawn in the order of tiles of the run's first floor, which would keep most tiles as they are.
     return permuted(found, number, seed, run) if is_random(to) else found
 
 
 def _patched(
-    name: str, floor: Floor, box_m: tuple[float, float, float, float], number: int, seed: int, run: int
+    name: str, floor: Floor, arena_m: tuple[float, float], number: int, seed: int, run: int
 ) -> NDArray[np.uint8]:
     """Return the tiles of a floor with patches that appear at change ``number`` of a run.
 
     Tiles vibrate whose middle is in a patch, and that below its middle.
-
-    Args:
-        box_m: ``Floor.box_within`` of the arena.
-    Raises:
-        InputError: the name is no patch, the patches do not fit, or have a contrast below 1.
     """
     rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
-    with named("change.to"):
-        patches = named_patches(name, box_m, seed, run, draw=number + 1)
-    if any(patch.contrast != 1.0 for patch in patches):
-        raise InputError(f"'{name}' has a contrast; tiles vibrate or do not", field="change.to")
     x_m = (left_m + (np.arange(columns) + 0.5) * width_m)[None, :]
     y_m = (bottom_m + (rows - np.arange(rows) - 0.5) * height_m)[:, None]
     tiles = floor.tiles.copy()
-    for patch in patches:
+    for patch in named_patches(name, floor.box_within(*arena_m), seed, run, draw=number + 1):
+        if patch.contrast != 1.0:
+            raise InputError(f"'{name}' has a contrast; tiles vibrate or do not")
         tiles[patch.distance_m(x_m, y_m) <= 0.0] = 1
         tiles.ravel()[floor.tile_at(np.array([patch.x_m]), np.array([patch.y_m]))] = 1
     return tiles
-
-
-def _tiles_of(to: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:
-    """Return the tiles that ``to`` names or draws.
-
-    Raises:
-        InputError: it is neither a floor nor rows of tiles.
-    """
-    with named("change.to"):
-        if set(to) <= {*DIGITS, "/"}:
-            return as_tiles([[int(tile, 16) for tile in row] for row in to.split("/")])
-        return named_tiles(to, rows, columns, seed, run)
 
 
 def change_words(change: Change) -> str:

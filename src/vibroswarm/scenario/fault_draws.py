@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, FAULT, MISREAD, uniform
-from vibroswarm.scenario.fault_fields import FAULTS, SINCE, count_of
+from vibroswarm.scenario.fault_fields import FAULTS, SENSOR_FAULTS, SINCE, count_of
 from vibroswarm.scenario.scenario import Scenario
 
 NUMBER_OF: Final = {
@@ -62,13 +62,13 @@ def onset_s(scenario: Scenario, seed: int, runs: Sequence[int], kind: str) -> ND
     """
     robots, affected = scenario.swarm.robots, getattr(scenario.faults, kind)
     onset = np.full((len(runs), robots), math.inf)
-    if not affected:  # a share of 0, or an empty list of robots
-        return onset
     # One time for all robots, or the range that each robot's time is drawn from.
     since = getattr(scenario.faults, SINCE[kind])
-    for r, run in enumerate(runs):
+    low_s, high_s = since if isinstance(since, tuple) else (since, since)
+    for r, run in enumerate(runs if affected else ()):
         for i in _who(scenario, seed, run, kind):
-            onset[r, i] = since if isinstance(since, float) else _time_s(since, seed, run, i, kind)
+            u = uniform(seed, run, i, FAULT, NUMBER_OF[kind], OF_TIME) if high_s > low_s else 0.0
+            onset[r, i] = low_s + (high_s - low_s) * float(u)
     return onset
 
 
@@ -77,24 +77,15 @@ def _who(scenario: Scenario, seed: int, run: int, kind: str) -> Sequence[int]:
     affected, robots = getattr(scenario.faults, kind), scenario.swarm.robots
     if isinstance(affected, tuple):
         return affected
-    count, index = count_of(affected, robots), NUMBER_OF[kind]
-    free = list(range(robots))
+    other = {"stuck_at_0": "stuck_at_1", "stuck_at_1": "stuck_at_0"}.get(kind)
     # No sensor is stuck at both: leave out robots that the scenario lists for the other kind. ``check_faults`` has made
     # sure that enough robots are left, and that two shares, taken from both ends of the order, do not meet.
-    if kind in ("stuck_at_0", "stuck_at_1"):
-        other = getattr(scenario.faults, "stuck_at_1" if kind == "stuck_at_0" else "stuck_at_0")
-        if isinstance(other, tuple):
-            free = [i for i in free if i not in other]
-    order = sorted(free, key=lambda i: (uniform(seed, run, i, FAULT, index, ALONE), i))
+    taken = getattr(scenario.faults, other) if other else ()
+    free = set(range(robots)).difference(taken if isinstance(taken, tuple) else ())
+    order = sorted(free, key=lambda i: (uniform(seed, run, i, FAULT, NUMBER_OF[kind], ALONE), i))
     if kind == "stuck_at_0":  # taken from the end of the order; "stuck_at_1" is taken from its start
         order.reverse()
-    return order[:count]
-
-
-def _time_s(since: tuple[float, ...], seed: int, run: int, robot: int, kind: str) -> float:
-    """Return the time at which a robot's fault begins, s; ``since`` is the range that it is drawn from."""
-    low_s, high_s = since
-    return low_s + (high_s - low_s) * float(uniform(seed, run, robot, FAULT, NUMBER_OF[kind], OF_TIME))
+    return order[: count_of(affected, robots)]
 
 
 def working(scenario: Scenario, seed: int, runs: Sequence[int]) -> NDArray[np.bool_]:
@@ -118,26 +109,15 @@ def fault_frame(
     """
     if not scenario.faults.kinds:
         return None
-    numbers = np.array(runs, dtype=np.int64)  # of the runs, which need not be consecutive
-    rows: list[tuple[int, int, int, float]] = []
+    numbers, parts = np.array(runs, dtype=np.int64), []  # runs need not be consecutive
     # A run may end with a whole tick after ``t_end_s``.
     until_s = np.minimum(end_s, scenario.run.t_end_s)[:, None]
-    for kind_index, kind in enumerate(FAULTS):
+    for kind in FAULTS:
         onset = onset_s(scenario, seed, runs, kind)
-        run_rows, robots = np.nonzero(onset < until_s)
-        rows += zip(  # run, robot, index of the kind, time
-            numbers[run_rows].tolist(),
-            robots.tolist(),
-            [kind_index] * robots.size,
-            onset[run_rows, robots].tolist(),
-            strict=True,
-        )
-    rows.sort()
-    run, robot, kinds, since = zip(*rows, strict=True) if rows else ((), (), (), ())
-    return pl.DataFrame(
-        {"run": run, "robot": robot, "fault": [FAULTS[k] for k in kinds], "from_s": since},
-        schema=FAULT_COLUMNS,
-    )
+        rows, robots = np.nonzero(onset < until_s)
+        found = (numbers[rows], robots, [kind] * robots.size, onset[rows, robots])
+        parts.append(pl.DataFrame(dict(zip(FAULT_COLUMNS, found, strict=True)), schema=FAULT_COLUMNS))
+    return pl.concat(parts).sort("run", "robot", "fault")
 
 
 def fault_words(kind: str) -> str:
@@ -145,63 +125,45 @@ def fault_words(kind: str) -> str:
     return "sends the opposite" if kind == "opposite" else kind.replace("_", " ")
 
 
-PER_H: Final = 1.0 / 3600.0
-"""One per hour, in 1/s."""
-
-
 class SensorFaults(NamedTuple):
-    """Faulty sensors of some runs. The times have shape (runs, robots), or no rows if no sensor can fail."""
+    """Faulty sensors of some runs."""
 
-    at_0_from_s: NDArray[np.float64]
-    """Time from which each sensor is stuck at 0, s; inf: never."""
-    at_1_from_s: NDArray[np.float64]
-    """Time from which each sensor is stuck at 1, s; inf: never."""
-    stuck_from_s: NDArray[np.float64]
-    """Time from which each sensor is stuck at ``stuck_class``, s; inf: never."""
-    biased_from_s: NDArray[np.float64]
-    """Time from which each sensor is biased, s; inf: never."""
+    from_s: NDArray[np.float64]
+    """Time from which each sensor has each of ``SENSOR_FAULTS``, s, inf: never: (runs, faults, robots); without rows if
+    no sensor can fail."""
     shifts: NDArray[np.float64]
     """(6,): shift and drift per s of the false positive rate, of the false negative rate, and of the share that is read
     as any other class."""
     stuck_class: int
 
 
-_NONE: Final = read_only(np.empty((0, 0)))
-NO_SENSOR_FAULTS: Final = SensorFaults(
-    _NONE, _NONE, _NONE, _NONE, shifts=read_only(np.zeros(6)), stuck_class=0
-)
+NO_SENSOR_FAULTS: Final = SensorFaults(read_only(np.empty((0, 0, 0))), read_only(np.zeros(6)), stuck_class=0)
 """The faults of runs in which no sensor can fail: without rows of times."""
 
 
 def sensor_faults(scenario: Scenario, seed: int, runs: Sequence[int]) -> SensorFaults:
     """Return the times from which sensors are faulty in some runs, and how; ``NO_SENSOR_FAULTS`` if no sensor fails."""
     faults = scenario.faults
-    if not (faults.stuck_at_0 or faults.stuck_at_1 or faults.stuck or faults.biased):
+    if not any(getattr(faults, kind) for kind in SENSOR_FAULTS):
         return NO_SENSOR_FAULTS
-    at_0, at_1, stuck, biased = (
-        read_only(onset_s(scenario, seed, runs, kind))
-        for kind in ("stuck_at_0", "stuck_at_1", "stuck", "biased")
-    )
+    from_s = np.stack([onset_s(scenario, seed, runs, kind) for kind in SENSOR_FAULTS], axis=1)
+    per_h = 1.0 / 3600.0
     shifts = np.array(
         [
             faults.false_positive_shift,
-            faults.false_positive_drift_per_h * PER_H,
+            faults.false_positive_drift_per_h * per_h,
             faults.false_negative_shift,
-            faults.false_negative_drift_per_h * PER_H,
+            faults.false_negative_drift_per_h * per_h,
             faults.misread_shift,
-            faults.misread_drift_per_h * PER_H,
+            faults.misread_drift_per_h * per_h,
         ]
     )
-    return SensorFaults(at_0, at_1, stuck, biased, read_only(shifts), faults.stuck_class)
+    return SensorFaults(read_only(from_s), read_only(shifts), faults.stuck_class)
 
 
 def of_run(faults: SensorFaults, r: int) -> SensorFaults:
-    """Return the faults of one run alone, as row 0 of the result; ``r`` is its row in the arrays of ``faults``.
-
-    Arrays without rows (``NO_SENSOR_FAULTS``) stay without.
-    """
-    at_0, at_1, stuck, biased = (onset[r : r + 1] for onset in faults[:4])
-    return SensorFaults(at_0, at_1, stuck, biased, faults.shifts, faults.stuck_class)
+    """Return the faults of one run alone, as row 0 of the result; ``r`` is its row in the arrays of ``faults``."""
+    return faults._replace(from_s=faults.from_s[r : r + 1])
 
 
 @inner
@@ -228,14 +190,14 @@ def observation_of(
         seed, run, sample: with ``i``, address of the sample's random numbers.
     """
     below = shares[row, kind, 0]
-    if faults.at_0_from_s.shape[0] == 0:  # no rows: no sensor can fail
+    if faults.from_s.shape[0] == 0:  # no rows: no sensor can fail
         return class_of(u, below, shares, row, kind)
     stuck = stuck_class_of(faults, r, i, time_s)
     if stuck >= 0:
         return stuck
     # Higher error rates: the sensor reads 0 more often on vibrating tiles, and less often on still ones; in between
     # the contrast weighs both. A share beyond 0 or 1 acts as 0 or 1, because u is strictly between them.
-    for_s = time_s - faults.biased_from_s[r, i]  # how long it has been biased
+    for_s = time_s - faults.from_s[r, 3, i]  # how long it has been biased
     if for_s >= 0.0:
         contrast = contrasts[kind - 2] if kind >= 2 and contrasts.size > 0 else float(kind)
         below += contrast * (faults.shifts[2] + faults.shifts[3] * for_s)
@@ -247,11 +209,11 @@ def observation_of(
 @inner
 def stuck_class_of(faults: SensorFaults, r: int, i: int, time_s: float) -> int:
     """Return the class at which the sensor of robot ``i`` is stuck by ``time_s``; -1 if it is not."""
-    if time_s >= faults.at_1_from_s[r, i]:
+    if time_s >= faults.from_s[r, 1, i]:
         return 1
-    if time_s >= faults.at_0_from_s[r, i]:
+    if time_s >= faults.from_s[r, 0, i]:
         return 0
-    if time_s >= faults.stuck_from_s[r, i]:
+    if time_s >= faults.from_s[r, 2, i]:
         return faults.stuck_class
     return -1
 
@@ -283,7 +245,7 @@ def apply_faults(
         run_index: (samples,), rows of the runs in ``faults``. robot, sample, time_s: (samples,), of the motion table.
         classes: number of classes. runs: numbers of the runs.
     """
-    if faults.at_0_from_s.shape[0] == 0:  # no rows: no sensor can fail
+    if faults.from_s.shape[0] == 0:  # no rows: no sensor can fail
         return
     for k in range(observation.size):
         r, i = run_index[k], signed(robot[k])
@@ -291,7 +253,7 @@ def apply_faults(
         if stuck >= 0:
             observation[k] = stuck
         else:
-            for_s = time_s[k] - faults.biased_from_s[r, i]
+            for_s = time_s[k] - faults.from_s[r, 3, i]
             found = signed(observation[k])
             observation[k] = misread(faults, for_s, found, classes, seed, runs[r], i, signed(sample[k]))
 

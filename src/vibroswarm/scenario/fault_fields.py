@@ -8,13 +8,12 @@ docs/faults.md describes the model.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Annotated, Any, Final
 
-from pydantic import BeforeValidator, Field, ValidationInfo
+from pydantic import AfterValidator, Field
 
 from vibroswarm.core.frozen_model import FrozenModel
-from vibroswarm.errors import InputError, shown
+from vibroswarm.errors import InputError
 
 OF_TWO_KINDS: Final = (
     "false_positive_shift", "false_negative_shift", "false_positive_drift_per_h", "false_negative_drift_per_h",
@@ -22,58 +21,32 @@ OF_TWO_KINDS: Final = (
 OF_ANY_SENSOR: Final = ("misread_shift", "misread_drift_per_h")
 """Fields by which a biased sensor differs from others: of one with a law of two kinds of tile, and of any."""
 
-LATEST_S: Final = 1e9
-"""Latest time at which a fault may begin, s."""
-
 Shift = Annotated[float, Field(ge=-1, le=1)]
 Drift = Annotated[float, Field(ge=-1000, le=1000)]
 
 MOTION_FAULTS: Final = ("stopped", "battery_empty")
 SENSOR_FAULTS: Final = ("stuck_at_0", "stuck_at_1", "stuck", "biased")
-OTHER_FAULTS: Final = (*SENSOR_FAULTS, "opposite", "radio_dead")
-FAULTS: Final = (*OTHER_FAULTS, *MOTION_FAULTS)
+FAULTS: Final = (*SENSOR_FAULTS, "opposite", "radio_dead", *MOTION_FAULTS)
 """Kinds of faults, each the name of a field."""
-SINCE: Final = {
-    "stuck_at_0": "sensor_from_s",
-    "stuck_at_1": "sensor_from_s",
-    "stuck": "sensor_from_s",
-    "biased": "sensor_from_s",
-    "opposite": "opposite_from_s",
-    "radio_dead": "radio_dead_from_s",
-    "stopped": "stopped_from_s",
+SINCE: Final = {kind: f"{kind}_from_s" for kind in FAULTS} | {
+    **dict.fromkeys(SENSOR_FAULTS, "sensor_from_s"),
     "battery_empty": "battery_life_s",
 }
 """The field that says since when a robot has the fault."""
 
 
-def _affected(value: object, info: ValidationInfo) -> float | tuple[int, ...]:
-    # type() instead of isinstance(), because a bool is an int, too.
-    if isinstance(value, list | tuple):
-        if all(type(robot) is int and robot >= 0 for robot in value) and len(set(value)) == len(value):
-            return tuple(sorted(value))
-    elif type(value) in (int, float) and 0 <= value <= 1:  # type: ignore[operator]
-        return float(value)  # type: ignore[arg-type]
-    raise InputError(
-        f"{shown(value)} is neither a share of the swarm (0 to 1) nor a list of robots, such as [0, 3]",
-        field=f"faults.{info.field_name}",
-    )
-
-
-def _since(value: object, info: ValidationInfo) -> float | tuple[float, ...]:
-    is_range = isinstance(value, list | tuple)
-    times: Sequence[Any] = value if is_range else (value,)  # type: ignore[assignment]
-    in_bounds = all(type(time_s) in (int, float) and 0 <= time_s <= LATEST_S for time_s in times)
-    if not in_bounds or list(times) != sorted(times) or len(times) != 1 + is_range:
-        raise InputError(
-            f"{shown(value)} is neither a time from 0 to {LATEST_S:g} s nor a range, such as [600, 1200]",
-            field=f"faults.{info.field_name}",
-        )
-    return tuple(map(float, times)) if is_range else float(times[0])
-
-
-Affected = Annotated[float | tuple[int, ...], BeforeValidator(_affected)]
+Robots = Annotated[
+    tuple[Annotated[int, Field(ge=0)], ...],
+    Field(strict=False),
+    AfterValidator(lambda robots: tuple(sorted(set(robots)))),
+]
+Affected = Annotated[float, Field(ge=0, le=1)] | Robots
 """A share of the swarm, or robots by their numbers."""
-Since = Annotated[float | tuple[float, ...], BeforeValidator(_since)]
+Time = Annotated[float, Field(ge=0, le=1e9)]
+Range = Annotated[
+    tuple[Time, Time], Field(strict=False), AfterValidator(lambda ends_s: tuple(sorted(ends_s)))
+]
+Since = Time | Range
 """A time, s, or the two ends of the range in which each robot's own is uniform, s."""
 
 
@@ -145,14 +118,11 @@ class Faults(MotionFaults):
         return tuple(kind for kind in FAULTS if getattr(self, kind))
 
 
-def robots_of_share(share: float, robots: int) -> int:
-    """Return the number of robots in a share of the swarm, rounded half up despite rounding errors of the product."""
-    return math.floor(share * robots + 0.5 + 1e-9)
-
-
 def count_of(affected: Affected, robots: int) -> int:
-    """Return how many robots a fault affects."""
-    return len(affected) if isinstance(affected, tuple) else robots_of_share(affected, robots)
+    """Return how many robots a fault affects; shares are rounded half up despite rounding errors of the product."""
+    if isinstance(affected, tuple):
+        return len(affected)
+    return math.floor(affected * robots + 0.5 + 1e-9)
 
 
 def failing_sensors(faults: Faults, robots: int) -> list[str]:
@@ -161,19 +131,11 @@ def failing_sensors(faults: Faults, robots: int) -> list[str]:
 
 
 def check_faults(faults: Faults, robots: int) -> None:
-    """Refuse faults of robots that do not exist, and sensors stuck at 0 and at 1 at once.
-
-    Args:
-        faults: each field is valid by itself. robots: number of robots.
-    Raises:
-        InputError: a listed robot does not exist or is stuck at 0 and at 1, or more robots are stuck than there are.
-    """
+    """Refuse faults of robots that do not exist, and sensors stuck at 0 and at 1 at once."""
     for kind in faults.kinds:
         affected = getattr(faults, kind)
         if isinstance(affected, tuple) and affected[-1] >= robots:  # the last is the greatest
-            raise InputError(
-                f"there is no robot {affected[-1]}; robots are 0 to {robots - 1}", field=f"faults.{kind}"
-            )
+            raise InputError(f"there is no robot {affected[-1]}, of {robots} from 0", field=f"faults.{kind}")
     at_0, at_1 = faults.stuck_at_0, faults.stuck_at_1
     of_both = isinstance(at_0, tuple) and isinstance(at_1, tuple) and not set(at_0).isdisjoint(at_1)
     if of_both or count_of(at_0, robots) + count_of(at_1, robots) > robots:

@@ -26,21 +26,14 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError, named
 from vibroswarm.floors.floor import DIGITS, Floor, as_tiles
 from vibroswarm.floors.source import is_redrawn, named_tiles, surface_of
-from vibroswarm.floors.surfaces import (
-    PLAIN,
-    VALUES,
-    Surface,
-    kind_of_name,
-    kinds_of,
-    steps_of,
-)
+from vibroswarm.floors.surfaces import VALUES, Surface, kind_of_name, kinds_of, steps_of
 from vibroswarm.scenario.change_fields import Change
 from vibroswarm.scenario.choices import Choice, NetworkChoice, StrategyChoice, TaskChoice
 from vibroswarm.scenario.fault_fields import Faults, MotionFaults
@@ -70,10 +63,6 @@ LawDraws = Annotated[
 ]
 
 
-UNNAMED = "tiles"
-"""Name of a floor whose tiles are given without one."""
-
-
 class Arena(FrozenModel):
     """The walls, a rectangle with its lower left corner at the origin."""
 
@@ -99,11 +88,11 @@ TileRow = Annotated[str, Field(pattern="^[0-9a-f]+$")]
 def rows_as_text(rows: Any) -> Any:
     """Return rows of kinds, such as those of ``read_tiles``, as text; all else as it is."""
     rows = rows.tolist() if isinstance(rows, np.ndarray) else rows
-    if not (isinstance(rows, list | tuple) and all(isinstance(row, list | tuple) for row in rows)):
+    digit_of = dict(enumerate(DIGITS))
+    try:
+        return ["".join(digit_of[kind] for kind in row) for row in rows]
+    except (TypeError, KeyError):
         return rows
-    if not all(isinstance(kind, int) and 0 <= kind < len(DIGITS) for row in rows for kind in row):
-        return rows
-    return ["".join(DIGITS[kind] for kind in row) for row in rows]
 
 
 class FloorField(FrozenModel):
@@ -139,22 +128,11 @@ class FloorField(FrozenModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _named(cls, values: Any) -> Any:
-        """Give tiles without ``source`` the name "tiles" in place of the default, which names a random floor.
-
-        Values that are no table (a ``FloorField``, or a wrong type) are left to Pydantic.
-        """
-        if not isinstance(values, dict):
-            return values
-        if any(values.get(name) is not None for name in ("tiles", "values")) and "source" not in values:
-            return values | {"source": UNNAMED}
+    def _with_name_and_text(cls, values: Any) -> Any:
+        """Name tiles that have no name, in place of a random floor, and write rows of kinds as text."""
+        if isinstance(values, dict) and (values.get("tiles") is not None or values.get("values") is not None):
+            return {"source": "tiles"} | values | {"tiles": rows_as_text(values.get("tiles"))}
         return values
-
-    @field_validator("tiles", mode="before")
-    @classmethod
-    def _as_text(cls, rows: Any) -> Any:
-        """Write rows of kinds as text; all else is left to Pydantic."""
-        return rows_as_text(rows)
 
     @property
     def drawn_by_run(self) -> bool:
@@ -190,16 +168,15 @@ class FloorField(FrozenModel):
             self.tile_height_m or arena.height_m / rows,
         )
         plain = Floor(tiles, width_m, height_m, self.left_m, self.bottom_m, name)
-        surface = self._surface(plain, arena, seed, run)
-        return plain if surface is PLAIN else replace(plain, surface=surface)
-
-    def _surface(self, plain: Floor, arena: Arena, seed: int, run: int) -> Surface:
-        """Return values and patches of (seed, run); patches lie inside floor and arena."""
-        if self.values is not None:
-            return Surface(values=steps_of(self.values))
-        if self.tiles is not None:
-            return PLAIN
-        return surface_of(self.source, plain.tiles.shape, plain.box_within(*arena.size_m), seed, run)
+        if not self.has_surface:
+            return plain
+        box_m = plain.box_within(*arena.size_m)
+        surface = (
+            surface_of(self.source, tiles.shape, box_m, seed, run)
+            if self.values is None
+            else Surface(values=steps_of(self.values))
+        )
+        return replace(plain, surface=surface)
 
     def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
         """Return the tiles of (seed, run) (uint8, (rows, columns), kinds, top row first), and the floor's name.
@@ -391,25 +368,22 @@ class Sensor(Choice):
     @property
     def params(self) -> Any:
         """Parameters of the selected sensor: its table, or this section, of which they are fields."""
-        known = self.entry
-        if known is None:
-            return self.table(self.model)
-        if known.in_section:
-            return self
-        table = self.table(self.model)
+        table = self if self.entry.in_section else self.table(self.model)
         return (
-            table.model_copy(update={"rms_threshold": self.rms_threshold}) if known.has_threshold else table
+            table.model_copy(update={"rms_threshold": self.rms_threshold})
+            if self.entry.has_threshold and table is not self
+            else table
         )
 
     @property
     def kinds(self) -> int:
-        """Number of kinds of tile that the sensor has a law for; 2 if its code is not loaded."""
-        return 2 if self.entry is None else int(self.entry.number_of("kinds", self.params))
+        """Number of kinds of tile that the sensor has a law for."""
+        return int(self.entry.number_of("kinds", self.params))
 
     @property
     def readings(self) -> int:
-        """Number of classes of the readings; 2 if the sensor's code is not loaded."""
-        return 2 if self.entry is None else int(self.entry.number_of("readings", self.params))
+        """Number of classes of the readings."""
+        return int(self.entry.number_of("readings", self.params))
 
 
 class Decision(FrozenModel):
@@ -517,9 +491,7 @@ class Sections(FrozenModel):
     def place_method(self) -> PlaceMethod:
         """How robots find their places: ``localisation.method``, or what its default "auto" means here."""
         method = self.localisation.method
-        if method != "auto":
-            return method
-        return "mixture" if self.strategy.reads_places else "true"
+        return method if method != "auto" else "mixture" if self.strategy.reads_places else "true"
 
     @property
     def reads_true_places(self) -> bool:

@@ -71,10 +71,8 @@ class Odometry(FrozenModel):
             self.turn_noise_deg,
             self.gyro_walk_deg_sqrt_s,
         )
-        level = GYRO_LEVELS[self.level]
-        return GyroErrors(
-            *(default if value is None else value for value, default in zip(given, level, strict=True))
-        )
+        own = zip(given, GYRO_LEVELS[self.level], strict=True)
+        return GyroErrors(*(default if value is None else value for value, default in own))
 
 
 class Localisation(FrozenModel):

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -24,18 +22,9 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count, stated
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import (
-    InputError,
-    check_kind,
-    in_file,
-    nearest,
-    plain_value,
-    shown,
-    whole_number_of,
-)
+from vibroswarm.errors import InputError, in_file, nearest, plain_value, shown, whole_number_of
 from vibroswarm.floors.floor import Floor, rows_of
-from vibroswarm.floors.io import is_picture
-from vibroswarm.floors.source import beside, family, is_generated, parts_of_file, resolve, values_in
+from vibroswarm.floors.source import beside, family, is_generated, resolve, values_in
 from vibroswarm.scenario import plugins, validation
 from vibroswarm.scenario.choices import Choice, field_error
 from vibroswarm.scenario.fields import Sections
@@ -79,7 +68,6 @@ class Scenario(Sections, NotebookView):
         Raises:
             InputError: there is no such field, or a value is wrong.
         """
-        check_kind(values, (Mapping, Scenario), "scenario", "sections by name")
         with _as_input_error():
             return cls.model_validate(plain_value(dict(values)))
 
@@ -95,14 +83,11 @@ class Scenario(Sections, NotebookView):
         Raises:
             InputError: the text is not TOML, there is no such field, or a value or the floor is wrong.
         """
-        check_kind(text, str, name, "TOML text")
         values = parsed_toml(text, name)
-        picture = None if folder is None else _read_floor_file(values, Path(folder))
+        if folder is not None:
+            _read_floor_file(values, Path(folder))
         with plugins.search_beside(folder):
-            scenario = cls.from_base(values)
-        if picture is not None:
-            check_pixel_tiles(scenario, picture)
-        return scenario
+            return cls.from_base(values)
 
     @classmethod
     def from_base(cls, values: Mapping[str, Any]) -> Scenario:
@@ -113,25 +98,9 @@ class Scenario(Sections, NotebookView):
         Raises:
             InputError: there is no such preset or field, or a value is wrong.
         """
-        check_kind(values, (Mapping, Scenario), "scenario", "sections by name")
         values = dict(values)
         base = values.pop("preset", None)
-        if base is None:
-            return cls.from_values(values)
-        if not isinstance(base, str):
-            raise InputError(f"{base!r} is not the name of a preset", field="preset")
-        merged = preset(base).model_dump(exclude_none=True)
-        for section, fields in values.items():
-            if isinstance(fields, dict) and isinstance(merged.get(section), dict):
-                # Tiles replace the preset's floor, so its name goes too. If the preset has tiles as well, the name is
-                # that of tiles, and stays.
-                own = any(fields.get(name) is not None for name in ("tiles", "values"))
-                if section == "floor" and own and "tiles" not in merged[section]:
-                    merged[section].pop("source")
-                merged[section] = _merged(merged[section], fields)
-            else:
-                merged[section] = fields
-        return cls.from_values(merged)
+        return cls.from_values(values) if base is None else preset(base).with_values(_dotted(values))
 
     @classmethod
     def read(cls, path: str | Path) -> Scenario:
@@ -164,52 +133,27 @@ class Scenario(Sections, NotebookView):
         Raises:
             InputError: there is no such field (the nearest is suggested), or a value is wrong.
         """
-        check_kind(values, Mapping, "values", "a table of values by dotted name")
-        # Sections that stay are not checked again, except choices: the code of the selected entry may be loaded since.
+        # Sections that stay are not checked again.
         data: dict[str, Any] = {section: getattr(self, section) for section in type(self).model_fields}
-        is_changed = {str(name).partition(".")[0] for name in values}
-        data |= self.model_dump(
-            include={
-                name for name, section in data.items() if name in is_changed or isinstance(section, Choice)
-            },
-            exclude_none=True,
-        )
+        data |= self.model_dump(include={name.partition(".")[0] for name in values}, exclude_none=True)
+        is_own_floor = values.get("floor.tiles") is not None or values.get("floor.values") is not None
+        if is_own_floor and self.floor.is_named:
+            data["floor"].pop("source")  # tiles replace this scenario's floor, so its name goes too
         for name, value in values.items():
-            section, _, field = name.partition(".")
-            if name in data:
-                raise _is_section(name)
-            value = plain_value(value)
-            *tables, last = field.split(".")
-            parent = data.get(section)
-            for table in tables:
-                # The scenario may have no table of parameters of this strategy yet. If there is no such strategy,
-                # ``from_values`` refuses the table.
-                parent = parent.setdefault(table, {}) if isinstance(parent, dict) else None
-            is_of_code = bool(tables) and plugins.is_code_name(tables[0])  # whose fields are not known
-            is_known = name in field_names() or is_of_code
-            if (
-                not last
-                or not isinstance(parent, dict)
-                or (value is None and last not in parent and not is_known)
-            ):
-                raise InputError(f"there is no such field{nearest_field(name)}", field=name)
+            *path, last = name.split(".")
+            parent: Any = data
+            for part in path:  # the scenario may have no table of parameters of this strategy yet
+                parent = parent.setdefault(part, {}) if isinstance(parent, dict) else None
+            if not isinstance(parent, dict):
+                raise _no_such_field(name)
             if value is None:
                 parent.pop(last, None)
-            elif type(value) is int and isinstance(parent.get(last), float) and abs(value) <= 2**53:
-                # A field whose value is a float takes integers as floats, so that 2 and 2.0 give the same scenario.
-                # Pydantic does this for declared fields. Parameters of a strategy whose file is not loaded have no
-                # declared types; their present value shows the type. Integers up to 2^53 are exact as floats.
-                parent[last] = float(value)
             else:
-                parent[last] = value
-        if (
-            (values.get("floor.tiles") is not None or values.get("floor.values") is not None)
-            and "floor.source" not in values
-            and self.floor.is_named
-        ):
-            # Tiles replace this scenario's floor, so its name goes too; a name of earlier tiles stays.
-            data["floor"].pop("source")
-        return Scenario.from_values(data)
+                parent[last] = plain_value(value)
+        scenario = Scenario.from_values(data)
+        for name in values:
+            value_of(scenario, name)  # raises if there is no such field, which may have been reset
+        return scenario
 
     def __repr__(self) -> str:
         """Return a summary in one line; the task is named only if it is not ``fill_ratio``."""
@@ -263,12 +207,12 @@ class Scenario(Sections, NotebookView):
         data = {"schema": SCHEMA_VERSION, **_without_empty(self.model_dump(mode="json", exclude_none=True))}
         # In the sections of strategy, network and task, only the table of the selected entry has an effect.
         data |= {choice.kind: choice.effective for choice in self.choices}
-        # "auto" has the hash of what it means. Of a user's code that is known only while the code is loaded, and the
-        # hash must not depend on that.
+        # "auto" has the hash of what it means, but beside a user's code, as it always had.
         if self.strategy.code is None:
             data["localisation"] |= {"method": self.place_method}
-        text = json.dumps(_infinite_as_text(data), sort_keys=True, separators=(",", ":"), allow_nan=False)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        text = json.dumps(data, sort_keys=True, separators=(",", ":"))
+        # JSON has no infinity, which a radio's range may be.
+        return hashlib.sha256(text.replace("Infinity", '"inf"').encode()).hexdigest()[:16]
 
     @property
     def choices(self) -> tuple[Choice, ...]:
@@ -312,48 +256,41 @@ def preset(name: str) -> Scenario:
     Raises:
         InputError: there is no such preset; the nearest name is suggested.
     """
-    check_kind(name, str, "preset", "the name of a preset")
-    return _preset(name)
+    return _preset(preset_text(name), name)
 
 
 @cache
-def _preset(name: str) -> Scenario:
-    """Return a preset, read once; ``preset`` checks the type first, as the cache takes hashable names only."""
-    return Scenario.from_toml(preset_text(name), name=name)
+def _preset(text: str, name: str) -> Scenario:
+    return Scenario.from_toml(text, name=name)
 
 
-def field_names() -> list[str]:
-    """Return the dotted names of all fields, those of all strategies, networks and tasks included."""
-    return [name for section in Scenario.model_fields for name in _names_in(section)]
-
-
-def _names_in(section: str) -> list[str]:
-    kind: Any = Scenario.model_fields[section].annotation
-    names = kind.field_names() if issubclass(kind, Choice) else list(kind.model_fields)
-    return [f"{section}.{name}" for name in names]
+def field_types() -> dict[str, Any]:
+    """Return the types of all fields by dotted name, those of all strategies, networks and tasks included."""
+    types: dict[str, Any] = {}
+    for section, info in Scenario.model_fields.items():
+        kind: Any = info.annotation
+        fields = (
+            kind.fields_of()
+            if issubclass(kind, Choice)
+            else {name: field.annotation for name, field in kind.model_fields.items()}
+        )
+        types |= {f"{section}.{name}": annotation for name, annotation in fields.items()}
+    return types
 
 
 def value_of(scenario: Scenario, name: str) -> Any:
     """Return the value of a field, by its dotted name, such as "walk.leg_min_ms" or "strategy.soft.eta".
 
-    Returns:
-        The value. If the code of a strategy, network or task is not loaded, None for its parameters that are not given.
     Raises:
         InputError: there is no such field.
     """
     section, _, field = name.partition(".")
     node = getattr(scenario, section, None)
-    table, separator, last = field.partition(".")
-    if isinstance(node, Choice) and separator:  # a parameter of a strategy, network or task
-        node, field = node.table(table), last
-        # A mapping, and no model: the code that declares the parameters is not loaded. The mapping is empty if no
-        # parameter is given, but also if there is no strategy, network or task of that name.
-        if isinstance(node, Mapping) and (node or plugins.is_code_name(table)):
-            return node.get(field)  # the code that declares the parameters is not loaded
-    if name in Scenario.model_fields:
-        raise _is_section(name)
+    table, _, parameter = field.partition(".")
+    if isinstance(node, Choice) and parameter and table in type(node).known():
+        node, field = node.table(table), parameter
     if not isinstance(node, BaseModel) or field not in type(node).model_fields:
-        raise InputError(f"there is no such field{nearest_field(name)}", field=name)
+        raise _no_such_field(name)
     return getattr(node, field)
 
 
@@ -368,76 +305,39 @@ def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
 
 def changes(scenario: Scenario, base: Scenario) -> dict[str, Any]:
     """Return what ``differences`` does, and None for the fields that are None in the scenario and not in the base."""
-    changed: dict[str, Any] = {}
-    for section in Scenario.model_fields:
-        one, other = getattr(scenario, section), getattr(base, section)
-        if one == other:
-            continue
-        # Most strategies, networks and tasks have the same parameters in both.
-        equal = (
-            {table for table in type(one).known() if one.table(table) == other.table(table)}
-            if isinstance(one, Choice)
-            else ()
-        )
-        for name in _names_in(section):
-            _, table, *parameter = name.split(".")
-            if parameter and table in equal:
-                continue
-            value = value_of(scenario, name)
-            if value != value_of(base, name):
-                changed[name] = list(value) if isinstance(value, tuple) else value
-    return changed
+    differ = [name for name in Scenario.model_fields if getattr(scenario, name) != getattr(base, name)]
+    names = [name for name in field_types() if name.partition(".")[0] in differ]
+    values = {name: value_of(scenario, name) for name in names}
+    return {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in values.items()
+        if value != value_of(base, name)
+    }
 
 
-def kind_of(name: str) -> Any:
-    """Return the type of a field, by its dotted name; None if there is no such field."""
-    section, _, field = name.partition(".")
-    if name not in field_names():
-        return None
-    kind: Any = Scenario.model_fields[section].annotation
-    return kind.kind_of(field) if issubclass(kind, Choice) else kind.model_fields[field].annotation
-
-
-def _infinite_as_text(data: Any) -> Any:
-    """Return a copy of data in which infinite numbers, such as a radio's range, are strings: JSON has no infinity."""
-    if isinstance(data, dict):
-        return {key: _infinite_as_text(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_infinite_as_text(value) for value in data]
-    return str(data) if isinstance(data, float) and math.isinf(data) else data
-
-
-def _merged(base: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the table ``base`` with values replaced or added by those of ``more``; nested tables are merged too."""
-    merged = dict(base)
-    for key, value in more.items():
-        nested = merged.get(key)
-        both = isinstance(nested, Mapping) and isinstance(value, Mapping)
-        merged[key] = _merged(nested, value) if both else value  # type: ignore[arg-type]
-    return merged
+def _dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the values of nested tables by dotted name."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        flat |= _dotted(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {prefix + name: value}
+    return flat
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
     """Return name and value of a setting such as ``"walk.leg_min_ms=500"``.
 
-    The value is parsed as TOML. A value that is not TOML, such as a word without quotes, is taken as a string, but .8
-    and 5. as numbers.
+    The value is parsed as TOML. A value that is not TOML, such as a word without quotes, is taken as a string.
 
     Raises:
-        InputError: the text is not of the form section.field=value, or sets more than one value.
+        InputError: the text is not of the form section.field=value.
     """
     name, separator, value = text.partition("=")
     if not separator or not name.strip():
         raise InputError(f"'{text}' is not of the form section.field=value", field="--set")
     try:
-        parsed = tomllib.loads(f"value = {value.strip()}")
-    except (ValueError, RecursionError):  # not TOML or a number too long, or nested too deeply
-        value = value.strip()
-        is_number = re.fullmatch(r"[-+]?([0-9]+\.|\.[0-9]+)(e[-+]?[0-9]+)?", value)
-        return name.strip(), float(value) if is_number else value
-    if set(parsed) != {"value"}:  # the text has further lines, with settings of their own
-        raise InputError(f"'{text}' sets more than one value", field="--set")
-    return name.strip(), parsed["value"]
+        return name.strip(), tomllib.loads(f"value = {value.strip()}")["value"]
+    except ValueError:
+        return name.strip(), value.strip()
 
 
 def parse_values(text: str, form: str = "section.field=value,value") -> tuple[str, list[Any]]:
@@ -456,70 +356,37 @@ def parse_values(text: str, form: str = "section.field=value,value") -> tuple[st
 
 def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
     """Return the values of settings by name (``parse_setting``); of one without a value, such as ``"a.b="``, None."""
-    settings = {}
-    for text in texts:
-        name, value = parse_setting(text)
-        settings[name] = value if text.partition("=")[2].strip() else None
-    return settings
+    return {name: None if value == "" else value for name, value in map(parse_setting, texts)}
 
 
-def _read_floor_file(values: dict[str, Any], folder: Path) -> str | None:
+def _read_floor_file(values: dict[str, Any], folder: Path) -> None:
     """Replace, in place, a floor file that ``floor.source`` names by the file's tiles, or values of tiles, and name.
 
     Nothing changes if ``source`` is a pattern or a random floor, or if the floor has tiles or values already. What is
     wrong is left to later checks.
 
-    Returns: the path of the file if it is a picture each of whose pixels became a tile, else None.
-
     Raises:
         InputError: there is no such file, or it is no floor.
     """
     floor = values.get("floor")
-    if not isinstance(floor, dict) or not {"tiles", "values"}.isdisjoint(floor):
-        return None
-    source = floor.get("source")
-    if not isinstance(source, str):
-        return None
-    if is_generated(source) or family(source) is not None:
-        return None
+    source = floor.get("source") if isinstance(floor, dict) and not {"tiles", "values"} & set(floor) else None
+    if not isinstance(source, str) or is_generated(source) or family(source) is not None:
+        return
     # Numbers of rows and columns: a file of coordinates needs them, and a picture is divided into them.
     size = (floor.get("rows"), floor.get("columns"))
-    shape = size if isinstance(size[0], int) and isinstance(size[1], int) else None
+    shape: Any = size if all(isinstance(each, int) for each in size) else None
     # If the folder has no such file, the source is taken as a path from the working directory; ``resolve`` raises the
     # error if there is no such file either.
     file = beside(source, folder)
-    if (found := values_in(file, shape)) is not None:  # type: ignore[arg-type]
+    if (found := values_in(file, shape)) is not None:
         floor["values"], floor["source"] = found
     else:
-        grid, floor["source"] = resolve(file, shape, threshold=floor.get("image_threshold"))  # type: ignore[arg-type]
+        grid, floor["source"] = resolve(file, shape, threshold=floor.get("image_threshold"))
         floor["tiles"] = rows_of(grid)
-    path = parts_of_file(file)[1]
-    return path if shape is None and is_picture(path) else None
 
 
-def check_pixel_tiles(scenario: Scenario, picture: str) -> None:
-    """Refuse a picture whose pixels became tiles that are smaller than a robot: it was hardly drawn pixel by pixel.
-
-    Args:
-        scenario: with the tiles of the picture. picture: its path, for the message.
-    Raises:
-        InputError: a tile is narrower or lower than a robot's body.
-    """
-    floor = scenario.floor_for(seed=0, run=0)
-    body_m = 2.0 * scenario.robot.body_radius_m
-    if min(floor.tile_width_m, floor.tile_height_m) < body_m:
-        rows, columns = floor.tiles.shape
-        raise InputError(
-            f"has {rows} x {columns} pixels, and one tile each would be {1000 * floor.tile_width_m:.3g} mm x "
-            f"{1000 * floor.tile_height_m:.3g} mm, smaller than a robot ({1000 * body_m:.3g} mm); add --tiles "
-            f"ROWSxCOLUMNS (in a file, floor.rows and floor.columns), or {rows}x{columns} if this is meant",
-            field=picture,
-        )
-
-
-def _is_section(name: str) -> InputError:
-    first = next(field for field in field_names() if field.startswith(f"{name}."))
-    return InputError(f"is a section; name one of its fields, such as {first}", field=name)
+def _no_such_field(name: str) -> InputError:
+    return InputError(f"there is no such field{nearest_field(name)}", field=name)
 
 
 def nearest_field(name: str, also: Iterable[str] = ()) -> str:
@@ -530,10 +397,7 @@ def nearest_field(name: str, also: Iterable[str] = ()) -> str:
     Args:
         also: names that are allowed besides fields.
     """
-    known = [*field_names(), *also]
+    known = [*field_types(), *also]
     last = name.rpartition(".")[2]
-    same = [k for k in known if k.rpartition(".")[2] == last] or [
-        k for k in known if last in k.split(".")[1:-1]
-    ]
-    sections = [section for section in Scenario.model_fields if section != name]
-    return nearest(name, same, cutoff=0.0) or nearest(name, [*known, *sections])
+    same = [k for k in known if k.rpartition(".")[2] == last] or [k for k in known if f".{last}." in k]
+    return nearest(name, same, cutoff=0.0) or nearest(name, [*known, *Scenario.model_fields])

@@ -10,35 +10,51 @@ from collections.abc import Callable
 
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import InputError, shown
+from vibroswarm.errors import InputError
 from vibroswarm.floors.surfaces import VALUES, kind_of_name
 from vibroswarm.scenario.fault_fields import OF_TWO_KINDS, check_faults
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.sensors.confusion import check_rates
-from vibroswarm.strategies.base import Plugin, Strategy
-from vibroswarm.tasks import Asked, Task
+from vibroswarm.strategies.base import Plugin
+from vibroswarm.tasks import Asked
 
 
-def _check_ranges(s: Sections) -> None:
-    """Refuse lower bounds above upper bounds, misalignments that could stop a wheel, and unequal lists of rays."""
-    pairs = (
-        ("robot.misalignment_min", s.robot.misalignment_min, s.robot.misalignment_max),
-        ("robot.speed_factor_min", s.robot.speed_factor_min, s.robot.speed_factor_max),
+def _refuse(is_wrong: bool, field: str, why: str) -> None:
+    if is_wrong:
+        raise InputError(why, field=field)
+
+
+def _check_own(part: Plugin, check: Callable[..., object] | None, *arguments: object) -> None:
+    """Call the check that a strategy, network, task or sensor has of its own, which refuses by an ``InputError``."""
+    if check is not None:
+        with errors_in(part.code):
+            check(*arguments)
+
+
+def _check_robots(s: Sections) -> None:
+    robot = s.robot
+    low, high = robot.speed_factor_min, robot.speed_factor_max
+    for name, least, most in (
+        ("robot.misalignment_min", robot.misalignment_min, robot.misalignment_max),
+        ("robot.speed_factor_min", low, high),
         ("walk.leg_min_ms", s.walk.leg_min_ms, s.walk.leg_max_ms),
-    )
-    for name, low, high in pairs:
-        if low > high:
-            raise InputError(f"{low} is above the upper bound, which is {high}", field=name)
+    ):
+        _refuse(least > most, name, f"{least} is above the upper bound, which is {most}")
     # The speeds of the wheels are proportional to 1 - misalignment and 1 + misalignment.
-    if _largest_misalignment(s) + widest_veer_shift(s) >= 1.0:
-        raise InputError(
-            "with wander, drift and differences between runs, a wheel could stand or turn backwards",
-            field="robot.misalignment_max",
-        )
-    if len(s.rays.side_m) != len(s.rays.angle_deg):
-        raise InputError(
-            f"{len(s.rays.side_m)} values for {len(s.rays.angle_deg)} of rays.angle_deg", field="rays.side_m"
-        )
+    _refuse(
+        _largest_misalignment(s) + widest_veer_shift(s) >= 1.0,
+        "robot.misalignment_max",
+        "with wander, drift and differences between runs, a wheel could stand or turn backwards",
+    )
+    factors = robot.speed_factors
+    _refuse(
+        factors is not None and (robot.speed_redraw == "sample" or min(factors) < low or max(factors) > high),
+        "robot.speed_factors",
+        f'requires robot.speed_redraw = "robot", and values from speed_factor_min to speed_factor_max, {low:g} to '
+        f"{high:g}",
+    )
+    sides, angles = len(s.rays.side_m), len(s.rays.angle_deg)
+    _refuse(sides != angles, "rays.side_m", f"{sides} values for {angles} of rays.angle_deg")
 
 
 def start_region(s: Sections) -> tuple[float, float, float, float]:
@@ -63,32 +79,17 @@ def lattice_sites(s: Sections) -> tuple[int, int]:
     return int((right - left) / pitch) + 1, int((high - low) / pitch) + 1
 
 
-def _check_speed_factors(s: Sections) -> None:
-    """Refuse ``robot.speed_factors`` with a value out of bounds, or if speeds are redrawn for each sample."""
-    robot = s.robot
-    factors, low, high = robot.speed_factors, robot.speed_factor_min, robot.speed_factor_max
-    if factors is None:
-        return
-    if robot.speed_redraw == "sample" or min(factors) < low or max(factors) > high:
-        raise InputError(
-            f'requires robot.speed_redraw = "robot", and values from speed_factor_min to speed_factor_max, {low:g} to '
-            f"{high:g}",
-            field="robot.speed_factors",
-        )
-
-
 def _check_places(s: Sections) -> None:
-    """Refuse more robots than can start side by side."""
     left, right, low, high = start_region(s)
     columns, rows = lattice_sites(s)
     most = 0 if left > right or low > high else columns * rows
-    if s.swarm.robots > most:
-        raise InputError(
-            f"{s.swarm.robots} of radius {stated(s.robot.body_radius_m)} m do not fit into an arena of "
-            f"{stated(s.arena.width_m)} m x {stated(s.arena.height_m)} m with a start margin of "
-            f"{s.swarm.start_margin_m:g} m; at most {most} can start side by side",
-            field="swarm.robots",
-        )
+    _refuse(
+        s.swarm.robots > most,
+        "swarm.robots",
+        f"{s.swarm.robots} of radius {stated(s.robot.body_radius_m)} m do not fit into an arena of "
+        f"{stated(s.arena.width_m)} m x {stated(s.arena.height_m)} m with a start margin of "
+        f"{s.swarm.start_margin_m:g} m; at most {most} can start side by side",
+    )
 
 
 def widest_veer_shift(s: Sections) -> float:
@@ -115,72 +116,50 @@ def longest_step_m(s: Sections) -> float:
     return s.robot.full_speed_m_s * s.robot.speed_factor_max * wheel * s.tick_s
 
 
-def _check_time(s: Sections) -> None:
-    """Refuse times that do not fit together.
-
-    The battery must last longer than the run, the number of ticks must be above 0 and fit into 32 bits, time between
-    two samples must be at least one tick, and a robot must not drive farther than its radius in one tick.
-    """
-    period_ms, sample = s.run.control_period_ms, s.sample
-    if s.run.t_end_s >= s.robot.battery_life_s:
-        raise InputError(
-            f"{s.robot.battery_life_s:g} s is not longer than the run ({s.run.t_end_s:g} s)",
-            field="robot.battery_life_s",
-        )
+def _check_times(s: Sections) -> None:
+    period_ms, sample, battery_s, end_s = (
+        s.run.control_period_ms,
+        s.sample,
+        s.robot.battery_life_s,
+        s.run.t_end_s,
+    )
+    _refuse(
+        end_s >= battery_s,
+        "robot.battery_life_s",
+        f"{battery_s:g} s is not longer than the run ({end_s:g} s)",
+    )
     # The tick of the end, and the one after it, must fit into 32 bits.
-    if not 1 <= s.ticks <= 2**31 - 2:
-        raise InputError(
-            f"{s.run.t_end_s:g} s is not 1 to 2^31 control periods of {period_ms} ms", field="run.t_end_s"
-        )
-    if sample.sample_interval_ms + sample.stop_ms < period_ms:
-        raise InputError(
-            f"{sample.sample_interval_ms:g} with stop_ms {sample.stop_ms:g} is less than one control period "
-            f"({period_ms} ms)",
-            field="sample.sample_interval_ms",
-        )
-    if longest_step_m(s) > s.robot.body_radius_m:
-        raise InputError(
-            f"{period_ms} ms is too long: a robot could drive {longest_step_m(s) * 1000:.3g} mm, more than its radius",
-            field="run.control_period_ms",
-        )
-
-
-def _check_signal(s: Sections) -> None:
-    """Refuse a signal of the accelerometer that is longer than the stop in which it is read."""
-    sensor, field, signal_ms = s.sensor.entry, "sample.signal_ms", s.sample.signal_ms
-    if sensor is not None and sensor.accelerometer is not None:
-        field, signal_ms = (
-            f"sensor.{s.sensor.model}.signal_ms",
-            sensor.accelerometer(s.sensor.params).signal_ms,
-        )
-    if signal_ms is not None and signal_ms > s.sample.stop_ms:
-        raise InputError(
-            f"{signal_ms:g} is longer than the stop, which is sample.stop_ms = {s.sample.stop_ms:g}",
-            field=field,
-        )
-
-
-def _own_check(part: Plugin, check: Callable[..., object] | None, *arguments: object) -> None:
-    """Call the check that a strategy, network, task or sensor has of its own, which refuses by an ``InputError``.
-
-    Raises:
-        InputError: it refuses. CodeError: it raised another error.
-    """
-    if check is not None:
-        with errors_in(part.code):
-            check(*arguments)
+    is_countable = 1 <= s.ticks <= 2**31 - 2
+    _refuse(
+        not is_countable, "run.t_end_s", f"{end_s:g} s is not 1 to 2^31 control periods of {period_ms} ms"
+    )
+    _refuse(
+        sample.sample_interval_ms + sample.stop_ms < period_ms,
+        "sample.sample_interval_ms",
+        f"{sample.sample_interval_ms:g} with stop_ms {sample.stop_ms:g} is less than one control period "
+        f"({period_ms} ms)",
+    )
+    _refuse(
+        longest_step_m(s) > s.robot.body_radius_m,
+        "run.control_period_ms",
+        f"{period_ms} ms is too long: a robot could drive {longest_step_m(s) * 1000:.3g} mm, more than its radius",
+    )
+    accelerometer = s.sensor.entry.accelerometer
+    signal_ms = s.sample.signal_ms if accelerometer is None else accelerometer(s.sensor.params).signal_ms
+    _refuse(
+        (signal_ms or 0.0) > sample.stop_ms,
+        "sample.signal_ms" if accelerometer is None else f"sensor.{s.sensor.model}.signal_ms",
+        f"{signal_ms} is longer than the stop, which is sample.stop_ms = {sample.stop_ms:g}",
+    )
 
 
 def _check_sensor(s: Sections) -> None:
     """Refuse what the sensor's own check refuses, claims of other rates than it has, and options it has no use for."""
     sensor = s.sensor
-    if sensor.entry is None:  # its code is not loaded
-        return
-    _own_check(sensor.entry, sensor.entry.check, sensor.params)
+    _check_own(sensor.entry, sensor.entry.check, sensor.params)
     if sensor.claimed_rates is not None:
-        field = "sensor.claimed_rates"
-        if len(sensor.claimed_rates) != sensor.kinds:
-            raise InputError(f"give {sensor.kinds} rows, one for each kind of tile", field=field)
+        field, rows = "sensor.claimed_rates", len(sensor.claimed_rates)
+        _refuse(rows != sensor.kinds, field, f"give {sensor.kinds} rows, one for each kind of tile")
         check_rates(sensor.claimed_rates, sensor.readings, field)
     for field in _options_without_law(s):
         raise InputError(
@@ -191,214 +170,153 @@ def _check_sensor(s: Sections) -> None:
 def _options_without_law(s: Sections) -> list[str]:
     """Return the fields that are set and change a strength or a law of two kinds of tile, if the sensor has none."""
     sensor, model = s.sensor, s.sensor.entry
-    is_of_two = max(sensor.kinds, sensor.readings) <= 2
-    fields: list[str] = []
+    is_of_many = max(sensor.kinds, sensor.readings) > 2
+    names: list[str] = []
     if not model.scales:
-        fields += [f"sensor.{name}" for name in ("tile_spread", "robot_spread") if getattr(sensor, name)]
-    if model.sense is not None or not is_of_two or s.floor.has_values:
-        fields += [
-            f"sensor.{name}" for name in ("edge_reach_m", "edge_blur_m") if getattr(sensor, name) is not None
-        ]
-    if model.sense is not None or not is_of_two:
-        fields += [f"faults.{name}" for name in OF_TWO_KINDS if s.faults.biased and getattr(s.faults, name)]
-    if not is_of_two and s.decision.boundary_of == "tiles":
-        fields.append("decision.boundary_of")
-    return fields
-
-
-def _check_kinds(s: Sections) -> None:
-    """Refuse kinds of tile, classes of readings and answers that sensor, floor, strategy and task do not share."""
-    if s.sensor.entry is None:  # its code is not loaded
-        return
-    kinds, readings = s.sensor.kinds, s.sensor.readings
-    tiles, name = s.floor.tiles_for(0, 0)
-    if tiles.max() >= kinds:
-        raise InputError(
-            f"'{name}' has tiles of kind {tiles.max()}, and the sensor '{s.sensor.model}' knows {kinds} kinds, from 0; "
-            f"{s.sensor.entry.for_more_kinds}",
-            field="floor.source" if s.floor.tiles is None else "floor.tiles",
-        )
-    if s.floor.has_surface:
-        _check_surface(s)
-    strategy, task = s.strategy.entry, s.task.entry
-    if strategy is None or task is None:  # its code is not loaded
-        return
-    if readings > 2 and not strategy.many_readings:
-        raise InputError(
-            f"'{s.strategy.name}' reads 0 or 1, and the sensor '{s.sensor.model}' has {readings} classes; choose a "
-            "strategy for several kinds, such as dirichlet",
-            field="strategy.name",
-        )
-    kind = getattr(s.task.params, "kind", 1)
-    if (strategy.shares or s.task.name == "share") and kind not in range(kinds):
-        raise InputError(f"{shown(kind)} is not a kind from 0 to {kinds - 1}", field=f"task.{task.name}.kind")
-    _check_task(s, task)
-    if task.estimated:
-        others = s.task.name == "share" and kind != 1 and not (strategy.shares or strategy.is_own)
-        if others or not strategy.estimates:
-            raise InputError(
-                f"'{s.strategy.name}' does not estimate the {task.estimated_in_words(s.task.params)}, which the task "
-                f"'{s.task.name}' asks for; choose another strategy",
-                field="strategy.name",
-            )
-        return
-    answers, decisions = task.answers_of(kinds), kinds if strategy.answers_kinds else 2
-    if len(answers) != decisions:
-        raise InputError(
-            f"'{s.task.name}' has {len(answers)} answers, and '{s.strategy.name}' decides among {decisions}",
-            field="task.name",
-        )
-
-
-def _check_task(s: Sections, task: Task) -> None:
-    """Refuse costs that do not fit the task's answers, and floors on which its question makes no sense."""
-    answers, costs = len(task.answers_of(s.sensor.kinds)), s.task.costs
-    if costs is not None:
-        is_square = all(len(row) == answers for row in (costs, *costs))
-        if not is_square or any(costs[k][k] for k in range(answers)) or not any(map(sum, costs)):
-            raise InputError(
-                f"give {answers} rows of {answers} costs: 0 for right answers, and more for at least one mistake",
-                field="task.costs",
-            )
-    if task.check is not None:
-        floor = s.floor.placed_in(s.arena, 0, 0)
-        boundary, fill = s.decision.decision_boundary, floor.fill_ratio_within(*s.arena.size_m)
-        asked = Asked(*s.arena.size_m, fill_ratio=fill, decision_boundary=boundary, kinds=s.sensor.kinds)
-        _own_check(task, task.check, floor, asked, s.task.params)
-
-
-def _check_surface(s: Sections) -> None:
-    """Refuse values of tiles and patches, if they are wrong or without a sensor of strengths of two kinds."""
-    s.floor.placed_in(s.arena, 0, 0)
-    sensor, model = s.sensor, s.sensor.entry
-    if model.sense is not None or max(sensor.kinds, sensor.readings) > 2 or not model.scales:
-        raise InputError(
-            f"patches and values of tiles need a sensor of strengths (scales=True) with two kinds of tile, such as "
-            f"gamma, and '{sensor.model}' is none",
-            field="sensor.model",
-        )
-
-
-def _check_asks_for_change(s: Sections) -> None:
-    """Refuse robots that tell whether the floor has changed where that is not asked, and the other way round."""
-    known = s.strategy.entry
-    if known is None or known.is_own:
-        return
-    tells = bool(getattr(s.strategy.params, "tells_change", False))
-    other_question = s.task.name in ("fill_ratio", "majority", "agree")
-    if (s.task.name == "changed" and not tells) or (tells and other_question):
-        raise InputError(
-            "the strategy must tell whether the floor has changed if, and only if, the task is changed: "
-            "strategy.reset.tells_change",
-            field="task.name",
-        )
-    asks = s.task.entry
-    is_anew = asks is not None and asks.is_asked_anew(s.task.params)
-    if is_anew and not getattr(s.strategy.params, "tells_anew", False):
-        raise InputError(
-            "asks anew after each answer, and robots keep theirs; set strategy.reset.tells_anew = true",
-            field="task.changed.since" if s.task.name == "changed" else "task.name",
-        )
-
-
-def is_neutral_at_half_only(s: Sections) -> bool:
-    """Return whether a scenario's strategy works only if the boundary of readings is 1/2; False if it is not loaded."""
-    known: Strategy | None = s.strategy.entry
-    return known is not None and bool(known.boundary_half)
-
-
-def _check_boundary(s: Sections) -> None:
-    """Refuse a boundary that the strategy cannot test.
-
-    With ``boundary_of = "tiles"``, ``readings_boundary`` makes this check for the boundary that results.
-    """
-    decision = s.decision
-    # At face value the share of ones itself is compared with decision_boundary, without allowing for error rates.
-    at_face_value = decision.boundary_of == "readings"
-    if is_neutral_at_half_only(s) and at_face_value and decision.decision_boundary != 0.5:
-        raise InputError(
-            f"'{s.strategy.name}' is neutral at a boundary of 0.5 only, and decision.decision_boundary is "
-            f"{decision.decision_boundary:g}; choose another strategy",
-            field="strategy.name",
-        )
+        names += ["tile_spread", "robot_spread"]
+    if model.sense is not None or is_of_many or s.floor.has_values:
+        names += ["edge_reach_m", "edge_blur_m"]
+    fields = [f"sensor.{name}" for name in names if getattr(sensor, name)]
+    if (model.sense is not None or is_of_many) and s.faults.biased:
+        fields += [f"faults.{name}" for name in OF_TWO_KINDS if getattr(s.faults, name)]
+    return fields + ["decision.boundary_of"] * (is_of_many and s.decision.boundary_of == "tiles")
 
 
 def _check_floor(s: Sections) -> None:
-    """Refuse a floor that lies outside of the arena."""
-    rows, columns = s.floor.tiles_for(0, 0)[0].shape  # the size is that of all runs
-    width = s.floor.tile_width_m or s.arena.width_m / columns
-    height = s.floor.tile_height_m or s.arena.height_m / rows
-    right, top = s.floor.left_m + columns * width, s.floor.bottom_m + rows * height
-    beside = right <= 0 or s.floor.left_m >= s.arena.width_m
-    if beside or top <= 0 or s.floor.bottom_m >= s.arena.height_m:
-        raise InputError(
-            "the floor lies outside the arena", field="floor.left_m" if beside else "floor.bottom_m"
-        )
+    """Refuse a floor outside of the arena, and tiles, values and patches that the sensor has no law for."""
+    floor, sensor, model = s.floor.placed_in(s.arena, 0, 0), s.sensor, s.sensor.entry
+    left, bottom, right, top = floor.box_within(*s.arena.size_m)
+    _refuse(left >= right or bottom >= top, "floor.left_m", "the floor lies outside the arena")
+    most = int(floor.tiles.max())
+    _refuse(
+        most >= sensor.kinds,
+        "floor.source" if s.floor.tiles is None else "floor.tiles",
+        f"'{floor.name}' has tiles of kind {most}, and the sensor '{sensor.model}' knows {sensor.kinds} kinds, from 0; "
+        f"{model.for_more_kinds}",
+    )
+    has_strengths = model.scales and model.sense is None and max(sensor.kinds, sensor.readings) <= 2
+    _refuse(
+        s.floor.has_surface and not has_strengths,
+        "sensor.model",
+        f"patches and values of tiles need a sensor of strengths (scales=True) with two kinds of tile, such as gamma, "
+        f"and '{sensor.model}' is none",
+    )
+
+
+def _check_question(s: Sections) -> None:
+    """Refuse kinds of tile, classes of readings and answers that sensor, strategy and task do not share."""
+    kinds, readings, strategy, task = s.sensor.kinds, s.sensor.readings, s.strategy.entry, s.task.entry
+    _refuse(
+        readings > 2 and not strategy.many_readings,
+        "strategy.name",
+        f"'{strategy.name}' reads 0 or 1, and the sensor '{s.sensor.model}' has {readings} classes; choose a strategy "
+        "for several kinds, such as dirichlet",
+    )
+    kind = getattr(s.task.params, "kind", 1)
+    is_asked = strategy.shares or task.name == "share"
+    _refuse(
+        is_asked and kind not in range(kinds),
+        f"task.{task.name}.kind",
+        f"is not a kind from 0 to {kinds - 1}",
+    )
+    is_other = task.name == "share" and kind != 1 and not (strategy.shares or strategy.is_own)
+    _refuse(
+        bool(task.estimated) and (is_other or not strategy.estimates),
+        "strategy.name",
+        f"'{strategy.name}' does not estimate the number that the task '{task.name}' asks for; choose another strategy",
+    )
+    answers, decisions = len(task.answers_of(kinds)), kinds if strategy.answers_kinds else 2
+    _refuse(
+        not task.estimated and answers != decisions,
+        "task.name",
+        f"'{task.name}' has {answers} answers, and '{strategy.name}' decides among {decisions}",
+    )
+    costs = s.task.costs or ()
+    is_square = all(len(row) == answers for row in (costs, *costs))
+    _refuse(
+        costs != ()
+        and (not is_square or any(costs[k][k] for k in range(answers)) or not any(map(sum, costs))),
+        "task.costs",
+        f"give {answers} rows of {answers} costs: 0 for right answers, and more for at least one mistake",
+    )
+    if task.check is not None:
+        floor = s.floor.placed_in(s.arena, 0, 0)
+        boundary, fill = s.decision.decision_boundary, floor.fill_ratio_within(*s.arena.size_m)
+        asked = Asked(*s.arena.size_m, fill_ratio=fill, decision_boundary=boundary, kinds=kinds)
+        _check_own(task, task.check, floor, asked, s.task.params)
 
 
 def _check_change(s: Sections) -> None:
-    """Refuse changes to what is no floor of this size or of the sensor's kinds."""
-    change = s.change
-    if not change.is_given:
-        return
-    if s.floor.has_surface or any(kind_of_name(to) in VALUES for _, to in change.steps()):
-        raise InputError("is defined for kinds of tile, not for patches and values", field="change")
-    if change.rate_per_h is not None:
-        kinds, field = len(change.shares or ()), "change.shares"
-    else:
+    """Refuse changes to what is no floor of this size or of the sensor's kinds, and robots not asked about them."""
+    change, params, asks = s.change, s.strategy.params, s.task.entry
+    if change.is_given:
+        is_surface = s.floor.has_surface or any(kind_of_name(to) in VALUES for _, to in change.steps())
+        _refuse(is_surface, "change", "is defined for kinds of tile, not for patches and values")
         floor = s.floor.placed_in(s.arena, 0, 0)  # seed 0, run 0: sizes and kinds are those of all runs
-        kind = change.changes(floor, s.arena.size_m, math.inf, 0, 0).kind
-        kinds, field = 1 + int(kind.max(initial=0)), "change.to"
-    if kinds > s.sensor.kinds:
-        raise InputError(
+        kind = change.changes(floor, s.arena.size_m, math.inf, 0, 0).kind if change.at_s else ()
+        kinds = max(len(change.shares or ()), 1 + max(kind, default=0))
+        _refuse(
+            kinds > s.sensor.kinds,
+            "change",
             f"makes tiles of {kinds} kinds, and the sensor '{s.sensor.model}' knows {s.sensor.kinds}",
-            field=field,
         )
+    tells = bool(getattr(params, "tells_change", False))
+    is_wrong = (asks.name == "changed" and not tells) or (
+        tells and asks.name in ("fill_ratio", "majority", "agree")
+    )
+    _refuse(
+        is_wrong and not s.strategy.entry.is_own,
+        "task.name",
+        "the strategy must tell whether the floor has changed if, and only if, the task is changed: "
+        "strategy.reset.tells_change",
+    )
+    _refuse(
+        asks.is_asked_anew(s.task.params)
+        and not (getattr(params, "tells_anew", False) or s.strategy.entry.is_own),
+        "task.changed.since" if asks.name == "changed" else "task.name",
+        "asks anew after each answer, and robots keep theirs; set strategy.reset.tells_anew = true",
+    )
 
 
-def _check_network(s: Sections) -> None:
-    """Refuse what the network's own check refuses, such as more robots than it was fitted to."""
-    chosen = s.network.entry
-    if chosen is not None:
-        _own_check(chosen, chosen.check, s.network.params, s.swarm.robots)
+def _check_decision(s: Sections) -> None:
+    """Refuse parameters and boundaries that the strategy does not suit, and those that the network does not suit.
+
+    With ``boundary_of = "tiles"``, ``readings_boundary`` checks the boundary that results.
+    """
+    decision, strategy, network = s.decision, s.strategy.entry, s.network.entry
+    _refuse(
+        strategy.boundary_half and decision.boundary_of == "readings" and decision.decision_boundary != 0.5,
+        "strategy.name",
+        f"'{strategy.name}' is neutral at a boundary of 0.5 only, and decision.decision_boundary is "
+        f"{decision.decision_boundary:g}; choose another strategy",
+    )
+    _check_own(strategy, strategy.check, s.strategy.params, decision.decision_boundary)
+    _check_own(network, network.check, s.network.params, s.swarm.robots)
 
 
 def _check_faults(s: Sections) -> None:
     """Refuse faults of robots that do not exist, and ``faults.opposite`` where messages have no opposite."""
     check_faults(s.faults, s.swarm.robots)
-    if s.faults.stuck and s.faults.stuck_class >= s.sensor.readings and s.sensor.entry is not None:
-        raise InputError(
-            f"the sensor '{s.sensor.model}' reads classes from 0 to {s.sensor.readings - 1}",
-            field="faults.stuck_class",
-        )
-    known = s.strategy.entry
-    if s.faults.opposite and known is not None and not known.has_opposite:
-        raise InputError(
-            f"messages of '{s.strategy.name}' have no opposite: no field bit or kind, and no function opposite",
-            field="faults.opposite",
-        )
-
-
-def _check_strategy(s: Sections) -> None:
-    """Refuse parameters of the strategy that do not go together, or not with the boundary."""
-    known: Strategy | None = s.strategy.entry
-    if known is not None:
-        _own_check(known, known.check, s.strategy.params, s.decision.decision_boundary)
+    _refuse(
+        bool(s.faults.stuck) and s.faults.stuck_class >= s.sensor.readings,
+        "faults.stuck_class",
+        f"the sensor '{s.sensor.model}' reads classes from 0 to {s.sensor.readings - 1}",
+    )
+    _refuse(
+        bool(s.faults.opposite) and not s.strategy.entry.has_opposite,
+        "faults.opposite",
+        f"messages of '{s.strategy.name}' have no opposite: no field bit or kind, and no function opposite",
+    )
 
 
 ALL = (
-    _check_ranges,
-    _check_speed_factors,
+    _check_robots,
     _check_places,
-    _check_time,
+    _check_times,
     _check_sensor,
-    _check_signal,
-    _check_kinds,
-    _check_boundary,
     _check_floor,
+    _check_question,
     _check_change,
-    _check_asks_for_change,
-    _check_network,
+    _check_decision,
     _check_faults,
-    _check_strategy,
 )

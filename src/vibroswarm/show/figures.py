@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import remove_folder, whole_folder
+from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.show.document import Document
 
@@ -17,13 +18,9 @@ CAPTIONS: Final = "captions.csv"
 
 
 def remove_figures(folder: Path) -> None:
-    """Remove a folder of figures, if one is there.
-
-    Raises:
-        InputError: another process works in it. RunError: it cannot be removed.
-    """
+    """Remove a folder of figures, if one is there."""
     if (folder / CAPTIONS).is_file():
-        remove_folder(folder)
+        shutil.rmtree(folder)
 
 
 def write_figures(

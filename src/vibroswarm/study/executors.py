@@ -32,7 +32,6 @@ from typing import Any, Final
 
 from vibroswarm.core import numbers
 from vibroswarm.core.child_python import MOST_WORKERS, processors, safe_start
-from vibroswarm.core.user_code import interrupt_in
 from vibroswarm.errors import InputError, RunError, check_kind, nearest, whole_number_of
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, do_batch
@@ -108,16 +107,9 @@ def workers_for(
     if isinstance(executor, Executor):
         yield Workers(executor, count=count or _width(executor), name=type(executor).__name__)
     elif executor == "threads":
-        cancel, known = threading.Event(), set[int]()
-        threads = ThreadPoolExecutor(own, "vibroswarm", lambda: known.add(threading.get_ident()))
-
-        def stop() -> None:
-            cancel.set()
-            interrupt_in(known)
-
-        yield from _stopped_at_end(
-            Workers(threads, own, numbers.count(own, "thread"), (cancel.is_set,)), stop
-        )
+        cancel, threads = threading.Event(), ThreadPoolExecutor(own, "vibroswarm")
+        workers = Workers(threads, own, numbers.count(own, "thread"), (cancel.is_set,))
+        yield from _stopped_at_end(workers, cancel.set)
     elif executor == "processes":
         pools, name = SingleProcessPools(own), numbers.count(own, "process", "processes")
         yield from _stopped_at_end(Workers(pools, own, name, (_is_cancelled,)), pools.cancel.set)

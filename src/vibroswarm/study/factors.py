@@ -32,9 +32,8 @@ import numpy as np
 from vibroswarm.core.numbers import number, rounded
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.errors import InputError, check_kind, nearest, number_of, whole_number_of
-from vibroswarm.scenario import plugins
 from vibroswarm.scenario.plugins import is_code, name_in
-from vibroswarm.scenario.scenario import field_names, kind_of, nearest_field
+from vibroswarm.scenario.scenario import field_types, nearest_field
 
 Point = dict[str, Any]
 """The values of the varied fields in one cell, by the dotted names of the fields."""
@@ -184,9 +183,9 @@ def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str
         InputError: the block is not a table, or a field does not exist.
     """
     check_kind(block, Mapping, name, "a table of fields and their values")
-    known, fields = {*field_names(), PRESET, *may_have}, {}
+    known, fields = {*field_types(), PRESET, *may_have}, {}
     for key, value in block.items():
-        if key in known or _is_of_code(key):
+        if key in known:
             fields[key] = value
         elif isinstance(value, Mapping) and any(k.startswith(f"{key}.") for k in known):
             fields |= fields_in({f"{key}.{k}": v for k, v in value.items()}, name, may_have)
@@ -194,33 +193,6 @@ def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str
             hint = nearest_field(key, (PRESET, *may_have))
             raise InputError(f"there is no such field{hint}", field=f"{name}.{key}")
     return fields
-
-
-def _is_of_code(name: str) -> bool:
-    """Return whether a field is a parameter of user code, loaded or not, as ``strategy.voter.phase_s``."""
-    parts = name.split(".")
-    return len(parts) == 3 and parts[0] in plugins.KINDS and plugins.is_code_name(parts[1])
-
-
-def with_whole(block: Any, name: str = "") -> Any:
-    """Return a copy of a block in which ranges of whole-number parameters of user code have ``whole = true``.
-
-    The type of such a parameter is known only while the code is loaded. A range with ``whole = true`` gives the same
-    points where the code is not loaded, for instance when a stored study is shown.
-
-    Args:
-        block: one block as TOML gives it, or a part of it. name: dotted name of that part inside the block, such as
-            ``strategy.voter.phase_s``; empty for the block itself and for each table of a ``list``.
-    """
-    if not isinstance(block, Mapping):  # a list of values or of tables, or a single value
-        return [with_whole(value, name) for value in block] if isinstance(block, list | tuple) else block
-    if {"from", "to"} <= set(block):  # a range
-        is_open = "whole" not in block  # the range itself does not say whether its numbers are whole
-        has_whole_ends = _is_whole(block["from"]) and _is_whole(block["to"])
-        if is_open and has_whole_ends and _is_of_code(name) and _is_whole_field(name):
-            return {**block, "whole": True}
-        return block
-    return {key: with_whole(value, f"{name}.{key}".strip(".")) for key, value in block.items()}
 
 
 def flat(entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -332,8 +304,8 @@ def _is_whole(value: Any) -> TypeGuard[int]:
 
 def _is_whole_field(name: str) -> bool:
     # What precedes the field's dotted name (the block's name, or nothing) is not known, so every ending is tried.
-    parts = name.split(".")
-    return any(kind_of(".".join(parts[first:])) is int for first in range(len(parts)))
+    parts, types = name.split("."), field_types()
+    return any(types.get(".".join(parts[first:])) is int for first in range(len(parts)))
 
 
 PLAIN: Final = ("floor.source", "strategy.name", "network.name", "task.name", PRESET, LABEL)

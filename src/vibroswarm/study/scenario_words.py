@@ -19,13 +19,13 @@ from vibroswarm.core.numbers import listed
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import rows_of, sides_inside
 from vibroswarm.floors.io import check_threshold, is_picture, parse_tiles
-from vibroswarm.floors.source import family, is_generated, parts_of_file, resolve, values_in
+from vibroswarm.floors.source import family, is_generated, resolve, values_in
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.change_fields import change_warnings
 from vibroswarm.scenario.fault_fields import OF_ANY_SENSOR, OF_TWO_KINDS, SINCE
 from vibroswarm.scenario.presets import preset_names
-from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_settings, preset, value_of
+from vibroswarm.scenario.scenario import Scenario, parse_settings, preset, value_of
 from vibroswarm.strategies.place_map import WITH_MAP
 
 
@@ -229,9 +229,6 @@ def values_of(base: Scenario, **words: Unpack[ScenarioWords]) -> dict[str, Any]:
         if plugins.is_code(settings.get(field)):
             settings[field] = chosen(kind, settings[field])
     values |= settings  # --set overrides other options
-    # Without --tiles, each pixel of a picture became a tile.
-    if floor is not None and tiles is None and is_picture(picture := parts_of_file(floor)[1]):
-        check_pixel_tiles(base.with_values(values), picture)
     return values
 
 

@@ -37,17 +37,12 @@ from vibroswarm.errors import (
     whole_number_of,
 )
 from vibroswarm.floors.floor import rows_of
-from vibroswarm.floors.io import is_picture
-from vibroswarm.floors.source import beside, family, is_generated, parts_of_file, resolve, values_in
+from vibroswarm.floors.source import beside, family, is_generated, resolve, values_in
 from vibroswarm.motion.source import source
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fields import rows_as_text
-from vibroswarm.scenario.scenario import (
-    Scenario,
-    changes,
-    check_pixel_tiles,
-)
+from vibroswarm.scenario.scenario import Scenario, changes
 from vibroswarm.study.factors import (
     BLOCKS,
     LABEL,
@@ -59,7 +54,6 @@ from vibroswarm.study.factors import (
     names_of,
     points_of,
     value_in_words,
-    with_whole,
     words_of_points,
 )
 from vibroswarm.study.precision import Precision
@@ -204,9 +198,7 @@ class Study:
             whole_number_of(self.runs, "runs", 1, MOST_RUNS)
         whole_number_of(self.seed, "seed", 0, SEED_LIMIT - 1)
         object.__setattr__(self, "floors", _checked_floors(self.floors))
-        object.__setattr__(
-            self, "vary", {k: with_whole(plugins.resolve_codes(v)) for k, v in self.vary.items()}
-        )
+        object.__setattr__(self, "vary", {k: plugins.resolve_codes(v) for k, v in self.vary.items()})
         if plugins.is_code(self.motion):
             object.__setattr__(self, "motion", plugins.resolve_code("motion", self.motion))
         else:
@@ -339,7 +331,6 @@ class Study:
     @classmethod
     def _from_values(cls, values: Mapping[str, Any], name: str, folder: str | Path | None) -> Study:
         """Build a study from the values of its TOML, with the arguments of ``from_values``."""
-        plugins.remember_code_names(values)  # so that parameters of code that is not loaded are accepted
         blocks = {key: plugins.resolve_codes(values[key]) for key in values if key in BLOCKS}
         for key, value in values.items():
             if key in Scenario.model_fields and isinstance(value, Mapping):
@@ -435,7 +426,7 @@ class Study:
             for part in cell.scenario.choices:
                 if part.code is not None:  # user code
                     section = sections.setdefault(part.kind, {})
-                    section.setdefault(part.selected, part.defaults)
+                    section.setdefault(part.selected, part.entry.params().model_dump())
         return sections
 
     def with_runs(self, runs: int) -> Study:
@@ -537,26 +528,9 @@ class Study:
         shape = (rows, columns) if isinstance(rows, int) and isinstance(columns, int) else None
         file = beside(name, self.folder or Path())
         values = values_in(file, shape)
-        found: Rows
         if values is not None:
-            found = values[0]
-        else:
-            found = rows_of(resolve(file, shape, threshold=floor_section.get("image_threshold"))[0])
-        if shape is None and is_picture(picture := parts_of_file(file)[1]):
-            check_pixel_tiles(self._with_floor(found), picture)
-        return found
-
-    def _with_floor(self, rows: Rows) -> Scenario:
-        """Return a scenario with the arena, the robots and the places of tiles of the base, and with these tiles."""
-        floor = {
-            k: v
-            for k, v in self._sections.get("floor", {}).items()
-            if k.startswith(("tile_", "left", "bottom"))
-        }
-        parts = {
-            name: self._sections[name] for name in ("preset", "arena", "robot") if name in self._sections
-        }
-        return Scenario.from_base({**parts, "floor": {**floor, **fields_of_floor(rows)}})
+            return values[0]
+        return rows_of(resolve(file, shape, threshold=floor_section.get("image_threshold"))[0])
 
     @property
     def _sections(self) -> Mapping[str, Any]:

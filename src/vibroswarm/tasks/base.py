@@ -23,7 +23,6 @@ A task may be asked anew after each answer of a robot (``asked_anew``). What is 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -33,7 +32,7 @@ from pydantic import BaseModel
 
 from vibroswarm.core.registry import Registry
 from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import CodeError, InputError, shown
+from vibroswarm.errors import CodeError, shown
 from vibroswarm.floors.floor import Floor
 from vibroswarm.strategies.base import Plugin
 from vibroswarm.strategies.static_analysis import refuse_chance
@@ -83,10 +82,8 @@ class Task(Plugin):
     scored: Callable[[Floor, Asked, Any], Any] | None = None
 
     def __post_init__(self) -> None:
-        """Check the name (``Plugin``), and that ``truth`` is a function; no function may draw random numbers."""
+        """Check the name (``Plugin``), and that no function draws random numbers."""
         super().__post_init__()
-        if not callable(self.truth):
-            raise InputError("has no function truth(floor, asked, p)", field=f"task '{self.name}'")
         refuse_chance(vars(self).values(), "the truth follows from the floor")
 
     def estimated_in_words(self, params: BaseModel) -> str:
@@ -124,22 +121,16 @@ class Task(Plugin):
         count = len(self.answers_of(asked.kinds))
         with errors_in(self.code):
             answer = self.truth(floor, asked, params)
-        if answer is None:
-            return None
-        if not (isinstance(answer, int | np.integer | np.bool_) and 0 <= answer < count):
-            raise self._returned(answer, f"{', '.join(map(str, range(count)))} or None")
-        return int(answer)
+        if answer is not None and not (
+            isinstance(answer, int | np.integer | np.bool_) and 0 <= answer < count
+        ):
+            raise CodeError(f"task '{self.name}': returned {shown(answer)}; return 0 to {count - 1} or None")
+        return None if answer is None else int(answer)
 
     def number(self, floor: Floor, asked: Asked, params: BaseModel) -> float:
         """Return the number against which estimates are scored; arguments and errors are those of ``answer``."""
         with errors_in(self.code):
-            number = (self.scored or self.truth)(floor, asked, params)
-        if not (isinstance(number, int | float | np.number) and math.isfinite(number)):
-            raise self._returned(number, "a finite number")
-        return float(number)
-
-    def _returned(self, value: object, wanted: str) -> CodeError:
-        return CodeError(f"task '{self.name}': returned {shown(value)}; return {wanted}")
+            return float((self.scored or self.truth)(floor, asked, params))
 
 
 _registry = Registry[Task]("task", "task.name")

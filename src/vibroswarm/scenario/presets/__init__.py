@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
-from itertools import takewhile
+from pathlib import Path
 
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import check_choice
+
+FILES = {path.stem: path for path in sorted(Path(__file__).parent.glob("*.toml"), key=lambda path: path.stem)}
+"""The presets' files, by name."""
 
 
 def preset_names() -> list[str]:
     """Return the names of all presets, sorted."""
-    return sorted(p.name.removesuffix(".toml") for p in files(__name__).iterdir() if p.name.endswith(".toml"))
+    return list(FILES)
 
 
 def preset_text(name: str) -> str:
@@ -19,18 +21,8 @@ def preset_text(name: str) -> str:
     Raises:
         InputError: there is no such preset; the nearest name is suggested.
     """
-    known = preset_names()
-    if name not in known:
-        raise InputError(
-            f"there is no preset '{name}'{nearest(name, known)} (there are {', '.join(known)})",
-            field="preset",
-        )
-    return (files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
-
-
-def comment_of(name: str) -> str:
-    """Return the lines of comment at the head of a preset: what it is, and where its numbers are from."""
-    return "".join(takewhile(lambda line: line.startswith("#"), preset_text(name).splitlines(keepends=True)))
+    check_choice(name, "preset", FILES)
+    return FILES[name].read_text(encoding="utf-8")
 
 
 def describe(name: str) -> str:
