@@ -47,7 +47,6 @@ from vibroswarm.analysis.intervals import ForJson, check_level, wilson_limits
 from vibroswarm.core.numbers import number, percent, stated
 from vibroswarm.errors import InputError, number_of
 from vibroswarm.floors.floor import Floor, Place, place_of
-from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.observation.decision_boundary import (
     expected_classes_on,
@@ -152,7 +151,7 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     # The three areas are shares of the arena's area.
     spillover = (sensed.detected + sensed.spillover - sensed.vibrating) / tiled
     share = expected_share(sensor, fill, tiled, spillover, place_of(floor))
-    if floor.surface is not PLAIN:
+    if floor.has_contrasts or floor.patches:
         share = expected_ones_on(sensor, floor, size)
     verdict = _side(share, tested, truth)
     left_out = _why_not_assessed(scenario, floor, share, verdict, truth)
@@ -188,7 +187,7 @@ def _why_not_assessed(
     scenario: Scenario, floor: Floor, share: float, verdict: Word, truth: int | None
 ) -> str:
     """Return why the share of ones says nothing of what robots decide; empty: it does."""
-    if scenario.task.name != "fill_ratio" or floor.surface is not PLAIN:
+    if scenario.task.name != "fill_ratio" or floor.has_contrasts or floor.patches:
         return (
             f"Whether the task '{scenario.task.name}' is decidable on this floor cannot be computed from the share of "
             "ones."

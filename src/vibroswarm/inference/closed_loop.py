@@ -15,8 +15,7 @@ from vibroswarm.core.jit import kernel, read_only, signed
 from vibroswarm.inference.replay_arrays import Readings, Rows, Stops
 from vibroswarm.inference.replayer import NO_VALUES, Replayer
 from vibroswarm.inference.sender_positions import NO_TRACKS, tracks_of_rows
-from vibroswarm.localisation.locate import is_estimated
-from vibroswarm.localisation.online import OnlineLocalisation
+from vibroswarm.localisation.locate import PlaceFilters, is_estimated
 from vibroswarm.observation.energy_model import is_sensed, readings_of, weighed
 from vibroswarm.observation.observe import (
     Ground,
@@ -107,7 +106,7 @@ class ClosedLoop:
         """
         robots, capacity = scenario.swarm.robots, max_samples(scenario)
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
-        self.localisation = OnlineLocalisation(scenario, seed) if is_estimated(scenario) else None
+        self.localisation = PlaceFilters(scenario, seed) if is_estimated(scenario) else None
         self.is_sensed, self.is_weighed = is_sensed(scenario.sensor), reads_energies(scenario)
         self.replayer = Replayer(scenario, self.seed, runs=1, longest=capacity, rows=capacity)
         # needs_moves: whether network or localisation read the moves, so that ``add_moves`` must be called before

@@ -30,9 +30,8 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import allocating_kernel, inner, kernel
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, Place, place_at, place_of
-from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.observation.edge_response import FAR, share_past, tiles_around, vibration_probability
-from vibroswarm.observation.energy_model import claimed_error_rates, error_rates, mean_shares_below, rates
+from vibroswarm.observation.energy_model import claimed_error_rates, error_rates, rates
 from vibroswarm.scenario.fields import Arena, FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import is_neutral_at_half_only
@@ -102,7 +101,7 @@ def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
     Args:
         size: width and height of the arena, m.
     """
-    if max(sensor.kinds, sensor.readings) > 2 or floor.surface is not PLAIN:
+    if max(sensor.kinds, sensor.readings) > 2 or floor.has_contrasts or floor.patches:
         return float(expected_classes_on(sensor, floor, size)[1])
     return _ones(sensor, place_of(floor), sensed_shares_on(sensor, floor, size))
 
@@ -113,16 +112,11 @@ def expected_classes_on(sensor: Sensor, floor: Floor, size: Size) -> NDArray[np.
     Args:
         size: width and height of the arena, m, with this floor.
     """
-    tiled = tiled_share(floor.geometry, size)
-    if floor.surface is not PLAIN:
-        contrasts, area = floor.contrast_shares(*size)
-        levels, level = np.unique(contrasts, return_inverse=True)
-        below = mean_shares_below(sensor, levels)[sensor.kinds :, 0]  # of two classes
-        ones = tiled * (area * (1.0 - below)[level]).sum() + (1.0 - tiled) * rates(sensor)[0, 1]
-        return np.array([1.0 - ones, ones])
-    shares = np.array([floor.share_within(kind, *size) for kind in range(sensor.kinds)])
-    by_kind = rates(sensor, place_of(floor))
-    return np.asarray(tiled * (shares[:, None] * by_kind).sum(axis=0) + (1.0 - tiled) * by_kind[0])
+    tiled, (levels, share) = tiled_share(floor.geometry, size), floor.level_shares(*size)
+    known, level = np.unique(levels, return_inverse=True)
+    by_level = rates(sensor, place_of(floor), known)
+    # ``level_shares`` has still tiles first
+    return np.asarray(tiled * (share[:, None] * by_level[level]).sum(axis=0) + (1.0 - tiled) * by_level[0])
 
 
 def sensed_shares_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID) -> SensedShares:

@@ -19,8 +19,8 @@ from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError, named, shown
 from vibroswarm.floors.changes import Changes, changes_between, grown, markov_changes, permuted
 from vibroswarm.floors.floor import DIGITS, Floor, as_tiles
-from vibroswarm.floors.source import SUM_TO_1, is_random, is_redrawn, named_tiles
-from vibroswarm.floors.surfaces import PATCHES, kind_of_name, named_patches
+from vibroswarm.floors.source import SUM_TO_1, is_generated, is_random, named_tiles
+from vibroswarm.floors.surfaces import is_patches, named_patches
 
 INVERT: Final = "invert"
 """What vibrates becomes still, and what is still vibrates."""
@@ -87,7 +87,7 @@ class Change(FrozenModel):
     @property
     def is_random(self) -> bool:
         """Whether runs on the same floor may differ in its changes."""
-        return self.rate_per_h is not None or any(to == REDRAW or is_redrawn(to) for to in self.to or ())
+        return self.rate_per_h is not None or any(to == REDRAW or is_generated(to) for to in self.to or ())
 
     def steps(self) -> Iterator[tuple[float, str]]:
         """Yield each time (s), and what the floor becomes then; nothing if it does not change at given times."""
@@ -112,7 +112,7 @@ class Change(FrozenModel):
         later: list[tuple[float, NDArray[np.uint8]]] = []
         before = tiles
         for step, (time_s, to) in enumerate(self.steps()):
-            before = _next(to, replace(floor, tiles=before), arena_m, step, seed, run)
+            before = _next(to, replace(floor, levels=before), arena_m, step, seed, run)
             later.append((time_s, before))
         return changes_between(tiles, later)
 
@@ -128,7 +128,7 @@ def _next(
     tiles = floor.tiles
     if to == GROW:
         return grown(tiles)
-    if kind_of_name(to) == PATCHES:
+    if is_patches(to):
         return _patched(to, floor, floor.box_within(*arena_m), number, seed, run)
     if to == INVERT:
         if tiles.max() > 1:

@@ -33,9 +33,9 @@ from vibroswarm.errors import (
     shown,
     whole_number_of,
 )
-from vibroswarm.floors.floor import Floor, rows_of
+from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import is_picture
-from vibroswarm.floors.source import beside, family, is_generated, parts_of_file, resolve, values_in
+from vibroswarm.floors.source import beside, family, fields_of_file, is_generated, parts_of_file
 from vibroswarm.scenario import plugins, validation
 from vibroswarm.scenario.choices import Choice, field_error
 from vibroswarm.scenario.fields import Sections
@@ -488,11 +488,8 @@ def _read_floor_file(values: dict[str, Any], folder: Path) -> str | None:
     # If the folder has no such file, the source is taken as a path from the working directory; ``resolve`` raises the
     # error if there is no such file either.
     file = beside(source, folder)
-    if (found := values_in(file, shape)) is not None:  # type: ignore[arg-type]
-        floor["values"], floor["source"] = found
-    else:
-        grid, floor["source"] = resolve(file, shape, threshold=floor.get("image_threshold"))  # type: ignore[arg-type]
-        floor["tiles"] = rows_of(grid)
+    found = fields_of_file(file, shape, floor.get("image_threshold"))  # type: ignore[arg-type]
+    floor.update({name: value for name, value in found.items() if value is not None})
     path = parts_of_file(file)[1]
     return path if shape is None and is_picture(path) else None
 

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError, shown
-from vibroswarm.floors.surfaces import VALUES, kind_of_name
 from vibroswarm.scenario.fault_fields import OF_TWO_KINDS, check_faults
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.sensors.confusion import check_rates
@@ -195,7 +194,7 @@ def _options_without_law(s: Sections) -> list[str]:
     fields: list[str] = []
     if not model.scales:
         fields += [f"sensor.{name}" for name in ("tile_spread", "robot_spread") if getattr(sensor, name)]
-    if model.sense is not None or not is_of_two or s.floor.has_values:
+    if model.sense is not None or not is_of_two or s.floor.values is not None:
         fields += [
             f"sensor.{name}" for name in ("edge_reach_m", "edge_blur_m") if getattr(sensor, name) is not None
         ]
@@ -211,11 +210,11 @@ def _check_kinds(s: Sections) -> None:
     if s.sensor.entry is None:  # its code is not loaded
         return
     kinds, readings = s.sensor.kinds, s.sensor.readings
-    tiles, name = s.floor.tiles_for(0, 0)
-    if tiles.max() >= kinds:
+    levels = s.floor.levels_for(0, 0)
+    if levels.max() >= kinds:
         raise InputError(
-            f"'{name}' has tiles of kind {tiles.max()}, and the sensor '{s.sensor.model}' knows {kinds} kinds, from 0; "
-            f"{s.sensor.entry.for_more_kinds}",
+            f"'{s.floor.source}' has tiles of kind {levels.max():g}, and the sensor '{s.sensor.model}' "
+            f"knows {kinds} kinds, from 0; {s.sensor.entry.for_more_kinds}",
             field="floor.source" if s.floor.tiles is None else "floor.tiles",
         )
     if s.floor.has_surface:
@@ -325,7 +324,7 @@ def _check_boundary(s: Sections) -> None:
 
 def _check_floor(s: Sections) -> None:
     """Refuse a floor that lies outside of the arena."""
-    rows, columns = s.floor.tiles_for(0, 0)[0].shape  # the size is that of all runs
+    rows, columns = s.floor.levels_for(0, 0).shape  # the size is that of all runs
     width = s.floor.tile_width_m or s.arena.width_m / columns
     height = s.floor.tile_height_m or s.arena.height_m / rows
     right, top = s.floor.left_m + columns * width, s.floor.bottom_m + rows * height
@@ -341,7 +340,7 @@ def _check_change(s: Sections) -> None:
     change = s.change
     if not change.is_given:
         return
-    if s.floor.has_surface or any(kind_of_name(to) in VALUES for _, to in change.steps()):
+    if s.floor.has_surface:
         raise InputError("is defined for kinds of tile, not for patches and values", field="change")
     if change.rate_per_h is not None:
         kinds, field = len(change.shares or ()), "change.shares"

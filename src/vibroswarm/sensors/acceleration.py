@@ -160,6 +160,10 @@ class Shaking(NamedTuple):
     """Parameters of the physics, as kernels read them."""
 
     place: Place
+    motor_hz: Values
+    """(kinds - 1,): frequencies of the motors."""
+    near: Values
+    """Their ``_near_responses``."""
     amplitude_m_s2: float
     motor_spread: float
     motor_jitter: float
@@ -202,24 +206,8 @@ def _near_responses(rows: int, columns: int, p: Any) -> Values:
     return near
 
 
-class Motors(NamedTuple):
-    """The motors below the tiles of a floor."""
-
-    hz: Values
-    """(kinds - 1,): their frequencies."""
-    near: Values
-    """Their ``_near_responses``."""
-
-
-def motors_of(place: Place, p: Any) -> Motors:
-    """Return the motors of a floor."""
-    return Motors(np.array(p.motor_hz), _near_responses(place.rows, place.columns, p))
-
-
 @kernel
-def shake(
-    shaking: Shaking, motors: Motors, samples: Samples, sample: int, rate_hz: float, out: Values
-) -> None:
+def shake(shaking: Shaking, samples: Samples, sample: int, rate_hz: float, out: Values) -> None:
     """Write the accelerations that a robot reads at a sample, without gravity, (3, readings): x, y and z.
 
     Args:
@@ -248,8 +236,8 @@ def shake(
                 continue
             k = signed(tiles[source]) - 1
             square = 0.5 * (
-                near_square(motors.near, k, one, row, column, place)
-                + near_square(motors.near, k, other, row, column, place)
+                near_square(shaking.near, k, one, row, column, place)
+                + near_square(shaking.near, k, other, row, column, place)
             )
             if square < FAINT * FAINT:
                 continue
@@ -259,7 +247,7 @@ def shake(
             if shaking.motor_spread > 0.0:
                 drive *= math.exp(shaking.motor_spread * normal(seed, run, LASTING, MOTOR, source, ALONE))
             amplitude = gain * drive * math.sqrt(square)
-            frequency_hz = motors.hz[k] * (
+            frequency_hz = shaking.motor_hz[k] * (
                 1.0 + shaking.frequency_jitter * normal(seed, run, 0, MOTOR, slot, 4 * source + 2)
             )
             phase = 2.0 * math.pi * uniform(seed, run, robot, VIBRATION, number, 8 + source)
@@ -388,17 +376,20 @@ def measure_signal(measuring: Measuring, signals: Signals, out: Values) -> None:
 
 @kernel
 def sense_samples(
-    shaking: Shaking, motors: Motors, samples: Samples, measuring: Measuring, signals: Signals, out: Values
+    shaking: Shaking, samples: Samples, measuring: Measuring, signals: Signals, out: Values
 ) -> None:
     """Write what all samples of a run measure, (samples, numbers); see ``shake`` and ``measure_signal``."""
     for k in range(samples.x_m.size):
-        shake(shaking, motors, samples, k, measuring.program.rate_hz, signals.acceleration)
+        shake(shaking, samples, k, measuring.program.rate_hz, signals.acceleration)
         measure_signal(measuring, signals, out[k])
 
 
 def shaking_of(place: Place, p: Any) -> Shaking:
     """Return the parameters of the physics on a floor."""
-    return Shaking(place, *(float(getattr(p, name)) for name in Shaking._fields[1:]))
+    near = _near_responses(place.rows, place.columns, p)
+    return Shaking(
+        place, np.array(p.motor_hz), near, *(float(getattr(p, name)) for name in Shaking._fields[3:])
+    )
 
 
 def sense(samples: Samples, p: Any) -> Values:
@@ -410,20 +401,16 @@ def sense(samples: Samples, p: Any) -> Values:
     out = np.empty((samples.x_m.size, len(names)))
     signals = Signals(np.empty((3, count)), np.empty(count), np.empty((2, POINTS)))
     measuring = Measuring(program, codes, bands_hz)
-    sense_samples(shaking_of(samples.place, p), motors_of(samples.place, p), samples, measuring, signals, out)
+    sense_samples(shaking_of(samples.place, p), samples, measuring, signals, out)
     return out
 
 
 def accelerations(samples: Samples, p: Any) -> Values:
     """Return what the accelerometer reads at samples of a run, gravity included, (samples, 3, readings)."""
-    samples, shaking, motors = (
-        with_read_only(samples),
-        shaking_of(samples.place, p),
-        motors_of(samples.place, p),
-    )
+    samples, shaking = with_read_only(samples), shaking_of(samples.place, p)
     out = np.empty((samples.x_m.size, 3, readings(sensing(p))))
     for k in range(samples.x_m.size):
-        shake(shaking, motors, samples, k, p.rate_hz, out[k])
+        shake(shaking, samples, k, p.rate_hz, out[k])
     out[:, 2] += GRAVITY_M_S2
     return out
 

@@ -36,9 +36,8 @@ from vibroswarm.errors import (
     shown,
     whole_number_of,
 )
-from vibroswarm.floors.floor import rows_of
 from vibroswarm.floors.io import is_picture
-from vibroswarm.floors.source import beside, family, is_generated, parts_of_file, resolve, values_in
+from vibroswarm.floors.source import beside, family, fields_of_file, is_generated, parts_of_file
 from vibroswarm.motion.source import source
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
@@ -536,12 +535,8 @@ class Study:
         rows, columns = floor_section.get("rows"), floor_section.get("columns")
         shape = (rows, columns) if isinstance(rows, int) and isinstance(columns, int) else None
         file = beside(name, self.folder or Path())
-        values = values_in(file, shape)
-        found: Rows
-        if values is not None:
-            found = values[0]
-        else:
-            found = rows_of(resolve(file, shape, threshold=floor_section.get("image_threshold"))[0])
+        fields = fields_of_file(file, shape, floor_section.get("image_threshold"))
+        found: Rows = fields["tiles"] or fields["values"]
         if shape is None and is_picture(picture := parts_of_file(file)[1]):
             check_pixel_tiles(self._with_floor(found), picture)
         return found
