@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,8 +63,7 @@ class Place(NamedTuple):
 
 def place_at(geometry: Geometry) -> Place:
     """Return the grid and the position of a floor as kernels use them."""
-    rows, columns, width_m, height_m, left_m, bottom_m = geometry
-    return Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
+    return Place(*geometry[:5], geometry[5] + geometry[0] * geometry[3])
 
 
 def place_of(floor: Floor) -> Place:
@@ -104,7 +103,7 @@ class Floor:
         InputError: ``levels`` are no rectangle of levels, or a size is not above 0.
     """
 
-    levels: NDArray[np.float64]
+    levels: NDArray[Any]
     tile_width_m: float
     tile_height_m: float
     left_m: float = 0.0
@@ -124,8 +123,8 @@ class Floor:
         """Return whether both floors have equal levels at equal places, and equal changes; names are ignored."""
         if not isinstance(other, Floor) or self.geometry != other.geometry:
             return False
-        pairs = [(self.levels, other.levels), *zip(self.changes, other.changes, strict=True)]
-        return self.patches == other.patches and all(np.array_equal(*pair) for pair in pairs)
+        same_levels = self.patches == other.patches and np.array_equal(self.levels, other.levels)
+        return same_levels and all(map(np.array_equal, self.changes, other.changes))
 
     def __hash__(self) -> int:
         """Return a hash of what ``__eq__`` compares."""
@@ -190,7 +189,7 @@ class Floor:
         share = (np.arange(DRAWN * WITHIN) + 0.5) / (DRAWN * WITHIN)
         x_m, y_m = np.meshgrid(left_m + columns * width_m * share, bottom_m + rows * height_m * share[::-1])
         touched = self.contrast_at(x_m, y_m) > 0.0
-        return np.any(touched.reshape(DRAWN, WITHIN, DRAWN, WITHIN), axis=(1, 3)).astype(np.uint8)
+        return np.max(touched.reshape(DRAWN, WITHIN, DRAWN, WITHIN), axis=(1, 3)).astype(np.uint8)
 
     @property
     def fill_ratio(self) -> float:
@@ -347,12 +346,6 @@ def sides_inside(
     if np.allclose(across, tile_width_m, rtol=1e-9) and np.allclose(up, tile_height_m, rtol=1e-9):
         return None
     return across, up
-
-
-def check_size(rows: int, columns: int) -> None:
-    """Refuse a floor without tiles, or with more than ``TILE_LIMIT`` tiles."""
-    if rows < 1 or columns < 1 or rows * columns > TILE_LIMIT:
-        raise InputError(f"{rows} x {columns} is no floor of 1 to {TILE_LIMIT:,} tiles", field="tiles")
 
 
 def rows_of(tiles: NDArray[np.uint8]) -> tuple[str, ...]:

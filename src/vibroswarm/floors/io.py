@@ -22,7 +22,7 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.numbers import percent, whole
 from vibroswarm.core.untrusted_files import read_bytes
 from vibroswarm.errors import InputError, named, number_of, warn_once
-from vibroswarm.floors.floor import DIGITS, as_tiles, check_size, rows_of
+from vibroswarm.floors.floor import DIGITS, TILE_LIMIT, as_tiles, rows_of
 
 Size = tuple[int, int]
 """Rows and columns of a floor."""
@@ -55,11 +55,9 @@ def parse_tiles(text: str, field: str = "--tiles") -> Size:
         InputError: the text is not of this form, or the size is impossible.
     """
     match = re.fullmatch(r"\s*([0-9]{1,9})\s*[xX×]\s*([0-9]{1,9})\s*", text)
-    if match is None:
+    rows, columns = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not 1 <= rows * columns <= TILE_LIMIT:
         raise InputError(f"'{text}' is not a size; give rows x columns, for example 5x5", field=field)
-    rows, columns = int(match[1]), int(match[2])
-    with named(field):
-        check_size(rows, columns)
     return rows, columns
 
 
@@ -250,7 +248,8 @@ def _grey(data: bytes, name: str) -> _Grey:
 
 def _brightness(grey: _Grey, size: Size | None, name: str) -> NDArray[np.float64]:
     """Return the mean brightness of each part, as a share of white; borders are rounded down, sums are integers."""
-    (levels, white), (height, width) = grey, grey[0].shape
+    levels, white = grey
+    height, width = levels.shape
     rows, columns = size or (height, width)
     if rows > height or columns > width:
         raise InputError(

@@ -3,7 +3,6 @@
 | source | floor |
 |---|---|
 | ``diagonal:0.46`` | a pattern of the paper, 10 x 10 tiles, top row first |
-| ``stripe:0.4,0.36,0.24`` | likewise with shares of the kinds 0, 1, 2: ``stripe``, ``diagonal`` or ``alternating`` |
 | ``random:0.48`` | a share of vibrating tiles at random places: a new floor for each run |
 | ``random:0.4,0.36,0.24`` | shares of the kinds 0, 1, 2 of tile at random places, likewise |
 | ``patch:0.10`` | patches, see ``surfaces`` |
@@ -22,6 +21,7 @@ The paper's table has five patterns at two fill ratios. Two names differ from th
 
 from __future__ import annotations
 
+import os.path
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.rng import shuffled
 from vibroswarm.errors import InputError, nearest, shown
-from vibroswarm.floors.floor import as_tiles, check_size, rows_of
+from vibroswarm.floors.floor import as_tiles, rows_of
 from vibroswarm.floors.io import Size, read_tiles, read_values
 from vibroswarm.floors.surfaces import (
     is_patches,
@@ -106,7 +106,7 @@ def family(name: str) -> str | None:
 
 
 def source_of(kind: str, *shares: float) -> str:
-    """Return the name of a floor of shares, such as ``random:0.48`` or ``stripe:0.5,0.3,0.2``."""
+    """Return the name of a floor of shares, such as ``random:0.48`` or ``random:0.5,0.3,0.2``."""
     return f"{kind}:{','.join(f'{share:g}' for share in shares)}"
 
 
@@ -137,7 +137,7 @@ def resolve(
         if match is not None:
             ends = float(match["low"] or 0.0), float(match["high"] or 1.0)
             return read_values(match["path"], tiles, ends).round(6), Path(match["path"]).name
-        if not _is_file(spec):
+        if not os.path.exists(spec):  # noqa: PTH110 - which raises no error, whatever the text
             raise _unknown(spec)
         return read_tiles(spec, tiles, threshold), Path(spec).name
     grid = named_tiles(spec, *(tiles or DEFAULT_SIZE), seed, run)
@@ -181,12 +181,10 @@ def pattern(name: str) -> NDArray[np.uint8]:
     """Return the tiles of a named pattern, uint8 of shape (10, 10), top row first.
 
     Args:
-        name: one of ``NAMES``, or one of ``ORDERS`` with shares of kinds.
+        name: one of ``NAMES``.
     Raises:
         InputError: no pattern has this name.
     """
-    if "," in name and family(name) in ORDERS:
-        return _pattern_of_kinds(name)
     if name not in _PATTERNS:
         raise _unknown(name)
     drawing, cleared = _PATTERNS[name]  # cleared: tiles that vibrate in the drawing but are still
@@ -194,36 +192,6 @@ def pattern(name: str) -> NDArray[np.uint8]:
     for row, column in cleared:
         tiles[row, column] = 0
     return tiles
-
-
-_SIDE: Final = 10
-"""Rows and columns of patterns."""
-_ROW, _COLUMN = np.divmod(np.arange(_SIDE * _SIDE), _SIDE)
-ORDERS: Final = {
-    "stripe": np.arange(_SIDE * _SIDE),
-    "diagonal": np.argsort(_COLUMN - _ROW, kind="stable"),
-    "alternating": np.arange(_SIDE * _SIDE),
-}
-"""Patterns of any number of kinds: order in which tiles, row by row from the top, get the kinds 1, 2 and so on, then 0;
-in ``alternating`` each gets the kind that lags its share most, one tile less for each neighbour of that kind."""
-
-
-def _pattern_of_kinds(name: str) -> NDArray[np.uint8]:
-    """Return the tiles of a pattern with shares of kinds, such as ``stripe:0.4,0.36,0.24``."""
-    shares = _shares(name)
-    left = np.array([0, *(exact_ones(_SIDE, _SIDE, share) for share in shares[1:])])
-    left[0] = _SIDE * _SIDE - left.sum()
-    kinds = np.roll(np.repeat(np.arange(left.size), left), -left[0])
-    if family(name) == "alternating":
-        for k in range(kinds.size):
-            lags = np.array(shares) * (k + 1) - np.bincount(kinds[:k], minlength=left.size)
-            lags[kinds[k - 1]] -= k % _SIDE > 0
-            lags[kinds[k - _SIDE]] -= k >= _SIDE
-            kinds[k] = np.where(left > 0, lags, -np.inf).argmax()
-            left[kinds[k]] -= 1
-    tiles = np.empty(_SIDE * _SIDE, dtype=np.uint8)
-    tiles[ORDERS[family(name) or ""]] = kinds
-    return tiles.reshape(_SIDE, _SIDE)
 
 
 def random_tiles(
@@ -237,9 +205,8 @@ def random_tiles(
             tiles that they give must be whole, to about six digits.
         seed: in [0, 2^63). run: in [0, 2^32).
     Raises:
-        InputError: the size or a share is impossible.
+        InputError: a share is impossible.
     """
-    check_size(rows, columns)
     shares = [fill_ratio] if isinstance(fill_ratio, float | int) else list(fill_ratio)[1:]
     tiles, first = np.zeros(rows * columns, dtype=np.uint8), 0
     order = shuffled(rows * columns, seed, run)
@@ -293,14 +260,6 @@ def _unknown(spec: str) -> InputError:
 
 
 # Files
-
-
-def _is_file(spec: str) -> bool:
-    # An empty name is none, but ``Path("")`` is the working folder.
-    try:
-        return bool(spec) and Path(spec).exists()
-    except (OSError, ValueError):  # a name that is too long, or holds a NUL
-        return False
 
 
 def parts_of_file(spec: str) -> tuple[str, str]:

@@ -149,13 +149,16 @@ def _placed(
     left, bottom, right, top = box_m
 
     def drawn(text: str, peer: int, most: float) -> float:
-        low, _, high = text.partition("..")
-        if not (float(high or low) <= most and (float(low) > 0.0 or peer == _OF_CONTRAST)):
+        low, high = float(text.partition("..")[0]), float(text.rpartition("..")[2])
+        if max(low, high) > most or (min(low, high) == 0.0 and peer != _OF_CONTRAST):
             raise InputError(f"{text} in '{name}' is not within the floor, {most:.4g}", field=_FIELD)
-        return float(low) + (float(high or low) - float(low)) * uniform(seed, run, k, PATCH, first, peer)
+        return low + (high - low) * uniform(seed, run, k, PATCH, first, peer)
 
-    width = drawn(match["diameter"] or match["width"], _OF_WIDTH, right - left)
-    height = drawn(match["height"], _OF_HEIGHT, top - bottom) if match["height"] else width
+    wide, high = right - left, top - bottom
+    width = drawn(
+        match["diameter"] or match["width"], _OF_WIDTH, wide if match["height"] else min(wide, high)
+    )
+    height = drawn(match["height"], _OF_HEIGHT, high) if match["height"] else width
     contrast = round(drawn(match["contrast"] or "1", _OF_CONTRAST, 1.0) * STEPS) / STEPS
     for attempt in range(1, TRIES + 1):
         x = place_within(uniform(seed, run, k, PATCH, first + attempt, _OF_X), width, left, right)

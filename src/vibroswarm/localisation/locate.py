@@ -26,7 +26,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import inner, kernel, read_only, zero_rows
+from vibroswarm.core.jit import kernel, read_only, zero_rows
 from vibroswarm.core.rng import (
     ALONE,
     FIRST,
@@ -389,11 +389,6 @@ def begin_robot(
     heading_rad = pose[2] + program.start_heading_spread_rad * normal(
         seed, run, i, LOCALISATION, FIRST, OF_TOLD_HEADING
     )
-    begin(f, program, random_word(seed, run, i), x_m, y_m, heading_rad)
-
-
-@inner
-def random_word(seed: int, run: int, i: int) -> int:
-    """Return the first state of the random number generator of robot ``i``, from 1 to 2^32 - 1."""
-    # The generator needs a state other than 0; the limit is for uniform numbers that round to 1.
-    return min(1 + int(uniform(seed, run, i, LOCALISATION, FIRST, ALONE) * 4294967295.0), 4294967295)
+    # The state of the robot's random numbers is other than 0; the limit is for uniform numbers that round to 1.
+    u = uniform(seed, run, i, LOCALISATION, FIRST, ALONE)
+    begin(f, program, min(1 + int(u * 4294967295.0), 4294967295), x_m, y_m, heading_rad)

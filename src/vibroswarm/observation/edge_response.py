@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,11 +36,6 @@ from vibroswarm.sensors import SensorModel
 
 FAR = 6.0
 """An edge is taken not to be sensed from farther than its reach plus FAR blurs: one sample in 10^9 would sense it."""
-CLEAR: Final = 2.4
-"""Distance from an edge, in blurs, beyond which most samples sense the nearer side."""
-CLEAR_SHARE: Final = 0.0083
-"""At more than CLEAR blurs from the place where half of the samples sense vibration, at most CLEAR_SHARE of the samples
-sense the farther side: Phi(-2.4) = 0.0082."""
 
 
 class Response(NamedTuple):
@@ -183,14 +178,7 @@ def sensed_tile(
     past_m, edge_tile = past_edge(x_m, y_m, at, place, tiles, response.reach_m, response.blur_m)
     if edge_tile < 0:
         return at
-    u = uniform(seed, run, robot, SENSING, sample, OF_EDGE)
-    # For speed: this far inside the region that is mostly sensed as vibrating, the probability is above
-    # 1 - CLEAR_SHARE; this far outside it is below CLEAR_SHARE. If u lies between these two, u is below the probability
-    # exactly if the sample is inside, so the probability need not be computed.
-    if abs(past_m) > CLEAR * response.blur_m and CLEAR_SHARE < u < 1.0 - CLEAR_SHARE:
-        vibrates = past_m > 0.0
-    else:
-        vibrates = u < share_past(past_m, response.blur_m)
+    vibrates = uniform(seed, run, robot, SENSING, sample, OF_EDGE) < share_past(past_m, response.blur_m)
     # ``edge_tile`` is of the other kind than the tile below.
     return at if vibrates == (at >= 0 and tiles[at] == 1) else edge_tile
 
@@ -297,8 +285,8 @@ def _factors_and_shares(
     """
     of_tile, of_robot = np.ones(1), np.ones(1)
     if sensor.tile_spread is not None:
-        u = _fill_numbers(seed, of_floor, False, np.empty(tiles))
-        of_tile = np.append(1.0, _log_normal(u, sensor.tile_spread))  # 1.0 for places on no tile
+        drawn = _log_normal(_fill_numbers(seed, of_floor, False, np.empty(tiles)), sensor.tile_spread)
+        of_tile = np.append(1.0, drawn)  # 1.0 for places on no tile
     if sensor.robot_spread is not None:
         of_robot = _log_normal(_fill_numbers(seed, run, True, np.empty(robots)), sensor.robot_spread)
     factors = np.outer(of_robot, of_tile).ravel()

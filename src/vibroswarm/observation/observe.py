@@ -278,28 +278,6 @@ def _read_rows(floor: SensedFloor, samples: Samples, out: Readings) -> None:
             out.kinds[k], out.factors[k] = kind, floor.response.factors[row]
 
 
-def values_at(
-    sensor: Sensor,
-    tiles: NDArray[np.uint8],
-    place: Place,
-    seed: int,
-    run: int,
-    robot: NDArray[np.uint16],
-    sample: NDArray[np.uint32],
-    x_m: NDArray[np.float64],
-    y_m: NDArray[np.float64],
-    time_s: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return what a sensor that depends on the place measures at samples of one run, (samples, numbers).
-
-    Args:
-        tiles: (tiles,), kinds of the floor's tiles. place: its grid and position. seed, run: address of chance.
-        robot, sample, x_m, y_m, time_s: (samples,), columns of the motion table.
-    """
-    samples = Samples(place, tiles, *_columns(robot, sample, x_m, y_m, time_s), seed=seed, run=run)
-    return model_of(sensor).sensed(samples, sensor.params)
-
-
 def observe(
     scenario: Scenario,
     seed: int,
@@ -326,7 +304,7 @@ def reads_energies(scenario: Scenario) -> bool:
     return bool(getattr(scenario.strategy.params, "energies", False))
 
 
-def energies_at(
+def readings_at(
     scenario: Scenario,
     ground: SensedFloor,
     seed: int,
@@ -336,8 +314,8 @@ def energies_at(
     x_m: NDArray[np.float64],
     y_m: NDArray[np.float64],
     time_s: NDArray[np.float64],
-) -> NDArray[np.float32]:
-    """Return what samples of one run measure, equal to the table of ``observe``: see ``energies_read``.
+) -> Readings:
+    """Return the readings of samples of one run, with what energies are computed from.
 
     Args:
         ground: floor and sensors of the run.
@@ -347,7 +325,7 @@ def energies_at(
     samples = Samples(ground.place, ground.tiles, *columns, seed=seed, run=run)
     readings = _no_readings(scenario.sensor, robot.size, True, ground.response.levels)
     _read_part(scenario.sensor, ground, samples, readings)
-    return energies_read(scenario, readings)
+    return readings
 
 
 def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:

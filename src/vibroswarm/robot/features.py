@@ -37,7 +37,7 @@ def signal_variance(signal: NDArray[np.float64]) -> float:
         total += signal[i]
         squares += signal[i] * signal[i]
     mean = total / signal.shape[0]
-    return max(squares / signal.shape[0] - mean * mean, 0.0)
+    return float(max(squares / signal.shape[0] - mean * mean, 0.0))
 
 
 class Band(NamedTuple):

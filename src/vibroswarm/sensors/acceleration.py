@@ -26,7 +26,6 @@ from functools import lru_cache
 from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -72,8 +71,6 @@ LASTING: Final = 1
 """In place of a robot's number, in the address of what a motor keeps for a whole run; 0 is in that of its jitter."""
 STEPS: Final = 2
 """Motors are felt from at most this many rows and columns of tiles away."""
-SIDE: Final = 2 * STEPS + 1
-"""Tiles along a side of the square from which motors are felt."""
 FAINT: Final = 1e-3
 """Sinusoids of less than this share of the largest drive are left out."""
 FEATURES: Final = ("energy", "peak_hz", "peak_height", "variance")
@@ -162,8 +159,8 @@ class Shaking(NamedTuple):
     place: Place
     motor_hz: Values
     """(kinds - 1,): frequencies of the motors."""
-    near: Values
-    """Their ``_near_responses``."""
+    squares: Values
+    """Their ``_squares``."""
     amplitude_m_s2: float
     motor_spread: float
     motor_jitter: float
@@ -191,19 +188,11 @@ def response(tiles: tuple[int, int], frequency_hz: float, p: Any) -> Values:
 
 
 @lru_cache(maxsize=16)
-def _near_responses(rows: int, columns: int, p: Any) -> Values:
-    """Return G^2 of the motors near each tile, (kinds - 1, tiles, SIDE x SIDE), rows and columns from -STEPS on.
-
-    It is per ``amplitude_m_s2``: the share of a kind's motor is in it.
-    """
-    near = np.zeros((len(p.motor_hz), rows * columns, SIDE * SIDE))
+def _squares(rows: int, columns: int, p: Any) -> Values:
+    """Return G^2 of the motors of each kind, (kinds - 1, tiles, tiles), per ``amplitude_m_s2``."""
     shares = p.amplitude_shares or [1.0] * len(p.motor_hz)
-    for k, (frequency_hz, share) in enumerate(zip(p.motor_hz, shares, strict=True)):
-        square = (share * response((rows, columns), frequency_hz, p)) ** 2
-        padded = np.pad(square.reshape(-1, rows, columns), ((0, 0), (STEPS, STEPS), (STEPS, STEPS)))
-        squares = sliding_window_view(padded, (SIDE, SIDE), axis=(1, 2)).reshape(*(2 * (rows * columns,)), -1)
-        near[k] = squares[np.arange(rows * columns), np.arange(rows * columns)]
-    return near
+    of_kinds = zip(p.motor_hz, shares, strict=True)
+    return np.stack([(share * response((rows, columns), hz, p)) ** 2 for hz, share in of_kinds])
 
 
 @kernel
@@ -224,20 +213,12 @@ def shake(shaking: Shaking, samples: Samples, sample: int, rate_hz: float, out: 
     other = tile_below(x_m - half_m * cosine, y_m - half_m * sine, place)
     gain = math.exp(shaking.gain_spread * normal(seed, run, robot, HARDWARE, FIRST, OF_SENSOR))
     slot = int(samples.time_s[sample] / shaking.motor_hold_s)
-    reach = STEPS + max(1, steps_between(one, other, place))  # to the motors that the other foot feels
-    middle = max(one, other)
-    if middle < 0:
-        reach = -1
-    first_row, first_column = middle // place.columns - reach, middle % place.columns - reach
-    for row in range(max(first_row, 0), min(first_row + 2 * reach + 1, place.rows)):
-        for column in range(max(first_column, 0), min(first_column + 2 * reach + 1, place.columns)):
-            source = row * place.columns + column
-            if tiles[source] == 0:
-                continue
+    for source in range(tiles.size):
+        if tiles[source] > 0:
             k = signed(tiles[source]) - 1
             square = 0.5 * (
-                near_square(shaking.near, k, one, row, column, place)
-                + near_square(shaking.near, k, other, row, column, place)
+                square_at(shaking.squares, k, one, source, place)
+                + square_at(shaking.squares, k, other, source, place)
             )
             if square < FAINT * FAINT:
                 continue
@@ -262,22 +243,12 @@ def shake(shaking: Shaking, samples: Samples, sample: int, rate_hz: float, out: 
 
 
 @inner
-def steps_between(one: int, other: int, place: Place) -> int:
-    """Return how many rows or columns two tiles are apart, the larger of both; 0 if one is -1 (none)."""
-    if one < 0 or other < 0:
-        return 0
-    down = one // place.columns - other // place.columns
-    across = one % place.columns - other % place.columns
-    return max(abs(down), abs(across))
-
-
-@inner
-def near_square(near: Values, k: int, tile: int, row: int, column: int, place: Place) -> float:
-    """Return G^2 of a motor of kind ``k`` + 1 in a row and column, at a tile; 0 if it is -1 (none) or too far."""
-    down, across = row - tile // place.columns + STEPS, column - tile % place.columns + STEPS
-    if tile < 0 or down < 0 or across < 0 or down >= SIDE or across >= SIDE:
+def square_at(squares: Values, k: int, tile: int, source: int, place: Place) -> float:
+    """Return G^2 of a motor of kind ``k`` + 1 below ``source``, at a tile; 0 if it is -1 (none) or too far."""
+    down = abs(source // place.columns - tile // place.columns)
+    if tile < 0 or max(down, abs(source % place.columns - tile % place.columns)) > STEPS:
         return 0.0
-    square: float = near[k, tile, down * SIDE + across]
+    square: float = squares[k, tile, source]
     return square
 
 
@@ -332,13 +303,8 @@ class Measuring(NamedTuple):
     """(numbers,): index of each feature in ``FEATURES``; -1 a band."""
     bands_hz: Values
     """(numbers,): frequencies of bands."""
-
-
-class Signals(NamedTuple):
-    """Signals of one sample, overwritten by the next."""
-
     acceleration: Values
-    """(3, readings), without gravity."""
+    """(3, readings), without gravity; this and the next two are overwritten by each sample."""
     signal: Values
     """(readings,): filtered."""
     spectrum: Values
@@ -346,10 +312,9 @@ class Signals(NamedTuple):
 
 
 @kernel
-def measure_signal(measuring: Measuring, signals: Signals, out: Values) -> None:
-    """Write the features of one sample, (numbers,), as the robot computes them from ``signals.acceleration``."""
-    program, codes, bands_hz = measuring
-    acceleration, signal, spectrum = signals
+def measure_signal(measuring: Measuring, out: Values) -> None:
+    """Write the features of one sample, (numbers,), as the robot computes them from its ``acceleration``."""
+    program, codes, bands_hz, acceleration, signal, spectrum = measuring
     count = acceleration.shape[1]
     state = begin_sense()
     for i in range(count):
@@ -375,20 +340,18 @@ def measure_signal(measuring: Measuring, signals: Signals, out: Values) -> None:
 
 
 @kernel
-def sense_samples(
-    shaking: Shaking, samples: Samples, measuring: Measuring, signals: Signals, out: Values
-) -> None:
+def sense_samples(shaking: Shaking, samples: Samples, measuring: Measuring, out: Values) -> None:
     """Write what all samples of a run measure, (samples, numbers); see ``shake`` and ``measure_signal``."""
     for k in range(samples.x_m.size):
-        shake(shaking, samples, k, measuring.program.rate_hz, signals.acceleration)
-        measure_signal(measuring, signals, out[k])
+        shake(shaking, samples, k, measuring.program.rate_hz, measuring.acceleration)
+        measure_signal(measuring, out[k])
 
 
 def shaking_of(place: Place, p: Any) -> Shaking:
     """Return the parameters of the physics on a floor."""
-    near = _near_responses(place.rows, place.columns, p)
+    squares = _squares(place.rows, place.columns, p)
     return Shaking(
-        place, np.array(p.motor_hz), near, *(float(getattr(p, name)) for name in Shaking._fields[3:])
+        place, np.array(p.motor_hz), squares, *(float(getattr(p, name)) for name in Shaking._fields[3:])
     )
 
 
@@ -399,9 +362,8 @@ def sense(samples: Samples, p: Any) -> Values:
     bands_hz = np.array([band_of(name) if name not in FEATURES else 0.0 for name in names])
     count = readings(program)
     out = np.empty((samples.x_m.size, len(names)))
-    signals = Signals(np.empty((3, count)), np.empty(count), np.empty((2, POINTS)))
-    measuring = Measuring(program, codes, bands_hz)
-    sense_samples(shaking_of(samples.place, p), samples, measuring, signals, out)
+    scratch = np.empty((3, count)), np.empty(count), np.empty((2, POINTS))
+    sense_samples(shaking_of(samples.place, p), samples, Measuring(program, codes, bands_hz, *scratch), out)
     return out
 
 

@@ -272,13 +272,18 @@ class SensorModel(Plugin):
 
     def shares_of(self, measured: Callable[[Values], Values], shape: tuple[int, ...], p: BaseModel) -> Values:
         """Return the largest u whose reading is below each class but 0, found by bisection to the last bit."""
-        shares = []
-        for border in range(1, self.number_of("readings", p)):
-            ends = np.full(shape, 2.0**-53), np.full(shape, 1.0 - 2.0**-53)
-            low_is_below, high_is_below = (self.classes(measured(end), p) < border for end in ends)
-            low, _ = halved(*ends, lambda u, border=border: self.classes(measured(u), p) < border)
-            shares.append(np.where(high_is_below, 1.0, np.where(low_is_below, low, 0.0)))
-        return np.stack(shares, axis=-1)
+        borders = range(1, self.number_of("readings", p))
+        return np.stack([self._share_below(measured, shape, border, p) for border in borders], axis=-1)
+
+    def _share_below(
+        self, measured: Callable[[Values], Values], shape: tuple[int, ...], border: int, p: BaseModel
+    ) -> Values:
+        def is_below(u: Values) -> NDArray[np.bool_]:
+            return self.classes(measured(u), p) < border
+
+        ends = np.full(shape, 2.0**-53), np.full(shape, 1.0 - 2.0**-53)
+        found, _ = halved(*ends, is_below)
+        return np.where(is_below(ends[1]), 1.0, np.where(is_below(ends[0]), found, 0.0))
 
     def class_borders(self, p: BaseModel) -> Values:
         """Return the least values that read as class 1, 2 and so on, (classes - 1,); inf if nothing measured does.
@@ -295,7 +300,7 @@ class SensorModel(Plugin):
 
 def with_read_only(samples: Samples) -> Samples:
     """Return samples whose arrays are read-only, so that kernels are compiled once."""
-    return Samples(*(read_only(each) if isinstance(each, np.ndarray) else each for each in samples))
+    return Samples._make(read_only(each) if isinstance(each, np.ndarray) else each for each in samples)
 
 
 def halved(
