@@ -15,7 +15,6 @@ A floor may change during a run: ``tiles`` are those at time 0, and ``Floor.at``
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -100,7 +99,7 @@ class Floor:
         patches: they do not overlap, and lie on still tiles.
 
     Raises:
-        InputError: ``levels`` are no rectangle of levels, or a size is not above 0.
+        InputError: ``levels`` are no rectangle of levels.
     """
 
     levels: NDArray[Any]
@@ -116,8 +115,6 @@ class Floor:
         # The dataclass is frozen, so its field is set past its own __setattr__.
         object.__setattr__(self, "levels", as_levels(self.levels))
         self.levels.setflags(write=False)
-        if not (0.0 < self.tile_width_m < math.inf and 0.0 < self.tile_height_m < math.inf):
-            raise InputError("width and height of a tile must be finite and above 0", field="floor")
 
     def __eq__(self, other: object) -> bool:
         """Return whether both floors have equal levels at equal places, and equal changes; names are ignored."""
@@ -274,7 +271,7 @@ class Floor:
         Args:
             levels: (rows, columns) of kinds or contrasts, top row first. name: name of the floor.
         Raises:
-            InputError: ``levels`` is not a rectangle of levels, or a size is not above 0.
+            InputError: ``levels`` is not a rectangle of levels.
         """
         grid = as_levels(levels)
         return cls(grid, width_m / grid.shape[1], height_m / grid.shape[0], name=name)

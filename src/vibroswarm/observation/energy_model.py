@@ -280,9 +280,6 @@ def log_likelihood(
     """Return ln of the likelihood of energies (or rows of numbers) on a kind of tile, (samples,); -inf where it is 0.
 
     If tiles or robots differ, the likelihood is the mean over the distribution of their factors.
-
-    Raises:
-        InputError: the sensor states no likelihood.
     """
     model, p = model_of(sensor), _params(sensor, place)
     found = mean_density(sensor, _values(sensor, energy), lambda value: model.densities(kind, value, p))

@@ -420,8 +420,6 @@ def check(p: Any) -> None:
     """Refuse frequencies beyond half of the rate, signals shorter than a period, and features that do not exist."""
     field, nyquist_hz = "sensor.acceleration", 0.5 * p.rate_hz
     bands_hz = [band_of(name) for name in p.features if name not in FEATURES]
-    if len(p.amplitude_shares) not in (0, len(p.motor_hz)):
-        raise InputError("gives no share, or one for each of motor_hz", field=f"{field}.amplitude_shares")
     if max([cutoff_of(p), *bands_hz]) >= nyquist_hz:
         raise InputError(
             f"is to be below half of rate_hz, {nyquist_hz:g} Hz, as are bands", field=f"{field}.cutoff_hz"

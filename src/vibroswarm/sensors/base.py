@@ -56,7 +56,7 @@ from vibroswarm.core.jit import read_only
 from vibroswarm.core.registry import Registry
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniforms
 from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import CodeError, InputError
+from vibroswarm.errors import CodeError
 from vibroswarm.floors.floor import Place
 from vibroswarm.floors.surfaces import mixed
 from vibroswarm.strategies.base import Plugin
@@ -176,13 +176,8 @@ class SensorModel(Plugin):
         Args:
             value: of ``sense``, (samples, numbers); nan where a number is not known.
         Raises:
-            InputError: the sensor states none.
             CodeError: ``likelihood`` returned what is no density.
         """
-        if self.likelihood is None:
-            raise InputError(
-                f"sensor '{self.name}' states no likelihood, which is needed here", field="sensor.model"
-            )
         return self._call("likelihood", kind, value, p, is_right=_is_density)
 
     def densities_at(self, contrast: float, value: Values, p: BaseModel) -> Values:
