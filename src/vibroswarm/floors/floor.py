@@ -121,7 +121,8 @@ class Floor:
         if not isinstance(other, Floor) or self.geometry != other.geometry:
             return False
         same_levels = self.patches == other.patches and np.array_equal(self.levels, other.levels)
-        return same_levels and all(map(np.array_equal, self.changes, other.changes))
+        pairs: Any = zip(self.changes, other.changes, strict=True)
+        return same_levels and all(np.array_equal(*pair) for pair in pairs)
 
     def __hash__(self) -> int:
         """Return a hash of what ``__eq__`` compares."""
@@ -185,8 +186,8 @@ class Floor:
         rows, columns, width_m, height_m, left_m, bottom_m = self.geometry
         share = (np.arange(DRAWN * WITHIN) + 0.5) / (DRAWN * WITHIN)
         x_m, y_m = np.meshgrid(left_m + columns * width_m * share, bottom_m + rows * height_m * share[::-1])
-        touched = self.contrast_at(x_m, y_m) > 0.0
-        return np.max(touched.reshape(DRAWN, WITHIN, DRAWN, WITHIN), axis=(1, 3)).astype(np.uint8)
+        touched = (self.contrast_at(x_m, y_m) > 0.0).reshape(DRAWN, WITHIN, DRAWN, WITHIN)
+        return np.asarray(touched.any(axis=(1, 3)), dtype=np.uint8)
 
     @property
     def fill_ratio(self) -> float:

@@ -176,7 +176,7 @@ def _tiles_of_list(numbers: NDArray[np.float64], name: str, size: Size | None) -
 # Pictures
 
 
-_Grey = tuple[NDArray[Any], int]
+_Grey = tuple[Any, int]
 """The grey level of each pixel, integers of shape (height, width), and the level of white."""
 
 
@@ -241,7 +241,7 @@ def _grey(data: bytes, name: str) -> _Grey:
     if picture.mode.startswith("I"):  # grey of 16 bits, which convert("L") would clip
         return np.asarray(picture), 65535
     is_16_bit = data.startswith(PICTURES[0]) and data[BIT_DEPTH] == 16
-    if is_16_bit or picture.convert("RGBA").getextrema()[3][0] < 255:
+    if is_16_bit or np.asarray(picture.convert("RGBA"))[..., 3].min() < 255:
         raise InputError("has transparent pixels, or colours of 16 bits; save it without", field=name)
     return np.asarray(picture.convert("L")), 255
 

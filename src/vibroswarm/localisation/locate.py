@@ -155,8 +155,9 @@ def estimate(
     for agent, (first, end), of in zip(agents.tolist(), *(each.tolist() for each in ends), strict=True):
         if agent // robots != filters.run:
             filters.begin(agent // robots)
-        own = (each[first:end] for each in (kind, start_s, turned_rad, ray_m))
-        filters.follow(agent % robots, noticed(*own), poses[first], rows[slice(*of)], *times, out)
+        a, own = slice(first, end), rows[slice(*of)]
+        found = noticed(kind[a], start_s[a], turned_rad[a], ray_m[a])
+        filters.follow(agent % robots, found, poses[first], own, *times, out)
     return out
 
 

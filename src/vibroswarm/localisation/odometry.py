@@ -58,10 +58,15 @@ class OwnMoves(NamedTuple):
 def odometer_of(scenario: Scenario) -> Odometer:
     """Return the errors of a scenario's gyro and rays."""
     errors, rezero_deg_s = scenario.odometry.errors, scenario.odometry.rezero_noise_deg_s
-    angles = (errors.bias_deg_s, errors.turn_deg, errors.walk_deg_sqrt_s)
-    rezero_rad_s = -1.0 if rezero_deg_s is None else math.radians(rezero_deg_s)
-    rays = scenario.rays
-    return Odometer(errors.scale, *map(math.radians, angles), rezero_rad_s, rays.noise_m, rays.range_m)
+    return Odometer(
+        scale=errors.scale,
+        bias_rad_s=math.radians(errors.bias_deg_s),
+        turn_rad=math.radians(errors.turn_deg),
+        walk_rad_sqrt_s=math.radians(errors.walk_deg_sqrt_s),
+        rezero_rad_s=-1.0 if rezero_deg_s is None else math.radians(rezero_deg_s),
+        ray_m=scenario.rays.noise_m,
+        range_m=scenario.rays.range_m,
+    )
 
 
 def noticed(

@@ -224,9 +224,8 @@ def read_samples(
             rows = slice(begin + part.start, begin + part.stop)
             x_m, y_m, times, robot, sample = (column[rows] for column in columns)
             samples = Samples(floor.place, floor.tiles, x_m, y_m, times, robot, sample, seed, one)
-            _read_part(
-                scenario.sensor, floor, samples, Readings(*(column[rows] for column in readings[:-1]), levels)
-            )
+            part_of = Readings._make([*(column[rows] for column in readings[:-1]), levels])
+            _read_part(scenario.sensor, floor, samples, part_of)
     return readings
 
 
