@@ -37,7 +37,6 @@ from helpers.ledger import hash_of_result
 from vibroswarm import preset, simulate
 for name, fields in (
     ("calibrated", {"strategy.name": "places", "localisation.method": "mixture"}),
-    ("paper", {"floor.source": "field:2"}),
     ("paper", {"floor.source": "patch:2*0.2@0.5+0.4x0.03", "sensor.edge_reach_m": 0.01}),
 ):
     print(hash_of_result(simulate(preset(name).with_values({"run.t_end_s": 200.0, **fields}), 7, 3)), end=" ")

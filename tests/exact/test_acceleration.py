@@ -8,7 +8,6 @@ import numpy as np
 import polars as pl
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import kurtosis
 
 import vibroswarm as v
 from helpers.closed_loop import followed, reads_as_tables
@@ -22,7 +21,6 @@ from vibroswarm.sensors.acceleration import (
     GRAVITY_M_S2,
     accelerations,
     add_noise,
-    averaged_readings,
     response,
     sensing,
 )
@@ -326,32 +324,16 @@ def test_three_motors_are_told_apart_by_their_frequency() -> None:
     assert MODEL.reading(MODEL.sensed(samples_at([0.1], [0, 0]), p), p).tolist() == [0]
 
 
-def test_an_axis_shows_a_horizontal_frequency_and_a_magnitude_twice_it() -> None:
-    for axis, seen_hz in (("x", 60.0), ("magnitude", 120.0)):
-        p = quiet(
-            motor_hz=(60.0,), lateral=3.0, axis=axis, features=("peak_hz",), cutoff_hz=10.0
-        ).sensor.params
-        # Upwards is no vibration here, so that only the horizontal part is left.
-        found = accelerations(samples_at([0.1] * 5, [1, 0]), p)
-        found[:, 2] = GRAVITY_M_S2
-        signal = np.sqrt((found**2).sum(axis=1)) if axis == "magnitude" else found[:, 0]
-        power = np.abs(np.fft.rfft(signal - signal.mean(axis=1, keepdims=True), axis=1)) ** 2
-        peak_hz = np.fft.rfftfreq(found.shape[2], 1 / p.rate_hz)[power.mean(axis=0).argmax()]
-        assert peak_hz == pytest.approx(seen_hz, abs=2.0)
-
-
 def test_a_sample_measures_the_features_that_are_asked_for() -> None:
-    names = ("peak_hz", "peak_height", "crossings_hz", "variance", "kurtosis", "peak_magnitude", "band_100")
-    p = quiet(motor_hz=(100.0,), features=names, axis="z").sensor.params
+    names = ("peak_hz", "peak_height", "variance", "band_100")
+    p = quiet(motor_hz=(100.0,), features=names, amplitude_m_s2=0.5).sensor.params
     samples, program = samples_at([0.1], [1, 0]), sensing(p)
     found = dict(zip(("energy", *names), MODEL.sensed(samples, p)[0], strict=True))
-    z = accelerations(samples, p)[0, 2]
+    z = accelerations(samples, p)[0, 2]  # as is the magnitude, without anything beside and less than gravity
     filtered = lfilter([program.forward, program.before], [1.0, -program.feedback], z - z[0])
     turns = np.exp(-2j * np.pi * 100.0 / 350.0 * np.arange(z.size))
     assert found["band_100"] == pytest.approx(2 * abs(filtered @ turns) ** 2 / z.size**2, rel=1e-9)
     assert found["variance"] == pytest.approx(filtered.var(), rel=1e-9)
-    assert found["kurtosis"] == pytest.approx(kurtosis(filtered, fisher=False), rel=1e-9)
-    assert found["peak_magnitude"] == pytest.approx(np.abs(filtered).max(), rel=1e-12)
     assert found["energy"] == pytest.approx(math.sqrt((filtered**2).mean()), rel=1e-3)
     own = (
         p.amplitude_m_s2
@@ -360,16 +342,6 @@ def test_a_sample_measures_the_features_that_are_asked_for() -> None:
     )
     assert found["peak_hz"] == pytest.approx(100.0, abs=0.3)
     assert found["peak_height"] == pytest.approx(own, rel=0.05)
-    assert found["crossings_hz"] == pytest.approx(100.0, abs=2.0)
-    # A longer signal is averaged before its spectrum is taken, and its peak is as high as without that.
-    p = quiet(motor_hz=(60.0,), features=("peak_height",), axis="z", signal_ms=1000.0).sensor.params
-    assert averaged_readings(p) == 2
-    own = (
-        p.amplitude_m_s2
-        * response((1, 2), 60.0, p)[0, 0]
-        * gain(60.0, 350.0, program.feedback, program.forward)
-    )
-    assert MODEL.sensed(samples, p)[0, 1] == pytest.approx(own, rel=0.05)
 
 
 def test_noise_is_made_of_the_published_numbers_of_splitmix64() -> None:

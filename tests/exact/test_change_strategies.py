@@ -369,12 +369,10 @@ def test_changed_asks_whether_the_floor_is_as_it_was() -> None:
     assert simulate(few, 3, 1).runs["truth"].to_list() == [0]
 
 
-@pytest.mark.parametrize("source", ["gradient:0.2..0.8", "patch:0.3"])
-def test_values_and_patches_have_not_changed(source: str) -> None:
+@pytest.mark.parametrize("floor", [{"floor.values": [[0.2, 0.8]]}, {"floor.source": "patch:0.3"}])
+def test_values_and_patches_have_not_changed(floor: dict[str, Any]) -> None:
     """The share of tiles that differ was that of the patches, or the mean of the values: the answer was "changed"."""
-    told = scenario(
-        "reset", **{"floor.source": source, "task.name": "changed", "strategy.reset.tells_change": True}
-    )
+    told = scenario("reset", **{**floor, "task.name": "changed", "strategy.reset.tells_change": True})
     assert simulate(told.with_values({"run.t_end_s": 60.0}), 1, 2).runs["truth"].to_list() == [0, 0]
 
 

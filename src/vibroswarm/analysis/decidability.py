@@ -36,7 +36,6 @@ from scipy.special import bdtr, bdtrc, ndtri
 from vibroswarm.analysis.intervals import ForJson, wilson_limits
 from vibroswarm.core.numbers import percent
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.observation.decision_boundary import (
     expected_classes_on,
@@ -144,7 +143,7 @@ def _with_verdict(found: Decidability, verdict: Word, seen: str) -> Decidability
 
 def _is_assessed(scenario: Scenario, floor: Floor, found: Decidability) -> bool:
     """Return whether the share of ones says what robots decide."""
-    if scenario.task.name != "fill_ratio" or floor.surface is not PLAIN:
+    if scenario.task.name != "fill_ratio" or floor.has_contrasts or floor.patches:
         return False
     strategy, decision = scenario.strategy.entry, scenario.decision
     assumed = (decision.assumed_false_positive, decision.assumed_false_negative)

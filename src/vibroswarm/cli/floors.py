@@ -31,7 +31,6 @@ def list_patterns(
     from vibroswarm.documents.floor import floors_document, paper_floors_document
     from vibroswarm.floors.difficulty import measure
     from vibroswarm.floors.source import NAMES, pattern
-    from vibroswarm.floors.surfaces import EXAMPLES
 
     if paper:
         from vibroswarm.paper.difficulty_table import paper_table
@@ -40,8 +39,7 @@ def list_patterns(
         return
     measured = {name: measure(pattern(name)) for name in NAMES}
     remark = (
-        "random:F, for example random:0.48, is another random floor for each run. Patches and values: "
-        f"{', '.join(EXAMPLES)}."
+        "random:F, for example random:0.48, is another random floor for each run; patch:0.10 has patches."
     )
     print_document(floors_document(measured, remark), as_json=json)
 
@@ -115,18 +113,18 @@ def make(
 
 
 def in_terminal(tiles: NDArray[np.uint8]) -> str:
-    """Draw a floor as lines of text, with the characters that the terminal has."""
-    from vibroswarm.floors.io import can_draw_blocks, draw
+    """Draw a floor as lines of text."""
+    from vibroswarm.floors.io import draw
 
-    return draw(tiles, blocks=can_draw_blocks(terminal.results()), width=terminal.width())
+    return draw(tiles, terminal.width())
 
 
 def _seed(seed: int | None, floors: Iterable[str]) -> int:
     """Return the seed of random floors; refuse one that is given where no floor is random."""
-    from vibroswarm.floors.source import is_redrawn
+    from vibroswarm.floors.source import is_generated
 
     refuse(
-        seed is not None and not any(map(is_redrawn, floors)),
+        seed is not None and not any(map(is_generated, floors)),
         "--seed",
         f"applies to random floors, not to {', '.join(map(shown, floors))}",
     )
@@ -137,7 +135,8 @@ def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: i
     """Return the floor called ``floor`` of 1 m x 1 m; the seed selects a random one."""
     from vibroswarm.floors.floor import Floor
     from vibroswarm.floors.io import is_picture, parse_tiles
-    from vibroswarm.floors.source import resolve, surface_of
+    from vibroswarm.floors.source import resolve
+    from vibroswarm.floors.surfaces import is_patches, named_patches
 
     refuse(
         image_threshold is not None and not is_picture(floor),
@@ -146,7 +145,6 @@ def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: i
     )
     size = None if tiles is None else parse_tiles(tiles)
     with named("FLOOR", of="floor.source"):
-        grid, name = resolve(floor, size, seed, threshold=image_threshold)
-        rows, columns = grid.shape
-        surface = surface_of(floor, (rows, columns), (0.0, 0.0, 1.0, 1.0), seed)
-    return replace(Floor.filling(grid, name=name), surface=surface)
+        levels, name = resolve(floor, size, seed, threshold=image_threshold)
+        patches = named_patches(floor, (0.0, 0.0, 1.0, 1.0), seed, 0) if is_patches(floor) else ()
+    return replace(Floor.filling(levels, name=name), patches=patches)

@@ -39,11 +39,11 @@ def floor_document(floor: Floor, drawing: str) -> Document:
         drawing: of the floor, in text.
     """
     difficulty = measure_floor(floor)
-    patches = floor.surface.patches
+    patches = floor.patches
     words = (
         f"{count(len(patches), 'patch', 'patches')} on a still floor: fill ratio "
         f"{number(difficulty.fill_ratio, digits=4)}."
-        if floor.has_patches
+        if patches
         else f"{_measures_in_words(difficulty)}."
     )
     name = shown(floor.name)

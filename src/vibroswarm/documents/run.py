@@ -165,10 +165,10 @@ def _what_ran(result: Result, found: Verdict, run: int) -> str:
     tiles = f"{whole(counts[1])} of {count(floor.tiles.size, 'tile')} {verb(counts[1], 'vibrate')}, {fill}"
     if len(counts) > 2:
         tiles = ", ".join(f"{count(n, 'tile')} of kind {kind}" for kind, n in enumerate(counts))
-    if floor.surface.values is not None:
+    if floor.has_contrasts:
         tiles = f"{count(floor.tiles.size, 'tile')} with values, {fill}"
     elif result.scenario.floor.has_surface:
-        tiles = f"{count(len(floor.surface.patches), 'patch', 'patches')} on still tiles, {fill}"
+        tiles = f"{count(len(floor.patches), 'patch', 'patches')} on still tiles, {fill}"
     changes = change_words(result.scenario.change)
     at_end = " at the end" if changes else ""
     return f"{_swarm(result)}, on '{floor.name}' ({tiles}{at_end}), {_origin(result)}. {changes}".rstrip()

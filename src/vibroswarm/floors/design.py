@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -29,7 +28,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import allocating_kernel, kernel
 from vibroswarm.core.rng import FLOOR, uniform
-from vibroswarm.errors import InputError, number_of, whole_number_of
+from vibroswarm.errors import InputError, number_of
 from vibroswarm.floors.difficulty import Difficulty, measure
 from vibroswarm.floors.source import random_tiles
 
@@ -48,19 +47,14 @@ REGULAR_STARTS: Final = 4
 """Number of regular floors, those nearest to the target, from which searches start."""
 
 
-@dataclass(frozen=True)
-class FloorDesign:
-    """A designed floor.
-
-    Args:
-        tiles: uint8, (rows, columns): the floor nearest to the targets that was found.
-        difficulty: measures of this floor.
-        reached: whether all targets are met within ``TOLERANCE``.
-    """
+class FloorDesign(NamedTuple):
+    """A designed floor."""
 
     tiles: NDArray[np.uint8]
+    """(rows, columns): the floor nearest to the targets that was found."""
     difficulty: Difficulty
     reached: bool
+    """Whether all targets are met within ``TOLERANCE``."""
 
 
 def make_floor(
@@ -85,21 +79,18 @@ def make_floor(
         InputError: an argument is out of its range, or a measure is undefined, as no tile, all tiles or, for the
             entropy, a single tile would vibrate.
     """
-    rows, columns = (whole_number_of(number, "tiles", 1, TILE_LIMIT) for number in (rows, columns))
     count, ones = rows * columns, round(number_of(fill_ratio, "fill_ratio", 0.0, 1.0) * rows * columns)
-    if count > TILE_LIMIT:
-        raise InputError(f"{rows} x {columns} tiles are too many; at most {TILE_LIMIT:,}", field="tiles")
-    if not 1 <= ones < count or (entropy is not None and ones < 2):
+    if not 1 <= ones < count <= TILE_LIMIT or (entropy is not None and ones < 2):
         raise InputError(
-            f"{fill_ratio:g} of {count} tiles leaves a measure without a value", field="fill_ratio"
+            f"{fill_ratio:g} of {count} tiles leaves a measure without a value, or these are more than {TILE_LIMIT:,}",
+            field="fill_ratio",
         )
-    goal = _Goal(number_of(moran_index, "moran_index", -1.0, 1.0), 0.0, 0.0)
-    if entropy is not None:
-        goal = goal._replace(entropy=number_of(entropy, "entropy", 0.0, 1.0), weight=1.0)
-    seed = whole_number_of(seed, "seed", 0, 2**63 - 1)
+    goal = _Goal(moran_index, math.nan if entropy is None else entropy)
+    regular = sorted(constructions(rows, columns, ones), key=lambda tiles: goal.miss(measure(tiles)))
+    starts = [random_tiles(rows, columns, ones / count, seed, 0), *regular[:REGULAR_STARTS]]
     found: list[tuple[float, NDArray[np.uint8]]] = []  # the miss of each floor, and the floor
-    for search, (start, hot) in enumerate(_starts(rows, columns, ones, goal, seed)):
-        cells = np.pad(start.astype(np.int64), 1).ravel()
+    for search, start in enumerate(starts):
+        cells, hot = np.pad(start.astype(np.int64), 1).ravel(), 1.0 if search else 10.0
         annealed = _anneal(cells, rows, columns, goal, hot, seed, search).reshape(rows + 2, columns + 2)
         tiles = annealed[1:-1, 1:-1].astype(np.uint8)
         found.append((goal.miss(measure(tiles)), tiles))
@@ -113,29 +104,14 @@ def make_floor(
 
 
 class _Goal(NamedTuple):
-    """Target values of the measures; if ``weight``, that of the entropy, is 0, any entropy is accepted."""
+    """Target values of the measures; an entropy of nan stands for any."""
 
     moran_index: float
     entropy: float
-    weight: float
 
     def miss(self, found: Difficulty) -> float:
         """Return the larger error of Moran index and entropy."""
-        miss = abs(found.moran_index - self.moran_index)
-        return max(miss, abs(found.entropy - self.entropy)) if self.weight else miss
-
-
-def _starts(
-    rows: int, columns: int, ones: int, goal: _Goal, seed: int
-) -> Iterator[tuple[NDArray[np.uint8], float]]:
-    """Yield the start of each search and its first temperature, in changes of E_MI by one pair of neighbours."""
-    yield (
-        random_tiles(rows, columns, ones / (rows * columns), seed, 0),
-        10.0,
-    )  # hot: nothing of it needs to last
-    regular = list(constructions(rows, columns, ones))
-    regular.sort(key=lambda tiles: goal.miss(measure(tiles)))
-    yield from ((tiles, 1.0) for tiles in regular[:REGULAR_STARTS])
+        return float(np.fmax(abs(found.moran_index - self.moran_index), abs(found.entropy - self.entropy)))
 
 
 def constructions(rows: int, columns: int, ones: int) -> Iterator[NDArray[np.uint8]]:
@@ -233,7 +209,7 @@ def _energy(
             products += (cells[cell] - fill) * (right + below)
     pairs = rows * (columns - 1) + columns * (rows - 1)
     miss = abs(products / (pairs * fill * (1.0 - fill)) - goal.moran_index)
-    if goal.weight == 0.0 or miss > limit:
+    if math.isnan(goal.entropy) or miss > limit:
         return float(miss)
     return math.hypot(
         miss, _cluster_bits(cells, stride, label, stack) / (ones * math.log2(ones)) - goal.entropy

@@ -23,15 +23,12 @@ and the clusters of tiles of 1/2 or more.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.floors.floor import Floor, as_tiles
-from vibroswarm.floors.surfaces import STEPS
+from vibroswarm.floors.floor import Floor, as_levels, as_tiles
 
 
 @dataclass(frozen=True)
@@ -58,26 +55,20 @@ def moran_index(tiles: ArrayLike) -> float:
     """Return the Moran index E_MI of a floor (Eq. 4): how similar neighbouring tiles are.
 
     Args:
-        tiles: (rows, columns) of kinds, such as 0 and 1.
+        tiles: (rows, columns) of kinds, such as 0 and 1, or of values from 0 to 1.
     Returns: from about -1 (checkerboard) to 1 (large patches); nan (0 / 0) if all tiles are of one kind.
     Raises:
         InputError: ``tiles`` is not a rectangle of kinds.
     """
-    grid = as_tiles(tiles)
-    if grid.max() > 1:
-        return _moran_of([grid == kind for kind in range(int(grid.max()) + 1)])
-    return _moran_of([grid])
-
-
-def _moran_of(grids: Sequence[NDArray[Any]]) -> float:
-    """Return the Moran index of numbers of tiles, (rows, columns) each, whose products and squares are added up."""
-    rows, columns = grids[0].shape
+    levels = as_levels(tiles)
+    rows, columns = levels.shape
+    kinds = range(int(levels.max()) + 1) if levels.max() > 1 else ()
     products = squares = 0.0
-    for grid in grids:
+    for grid in [levels == kind for kind in kinds] or [levels]:
         apart = grid - grid.sum() / grid.size  # c_i - f
         products += np.sum(apart[:, 1:] * apart[:, :-1]) + np.sum(apart[1:] * apart[:-1])
         squares += np.sum(apart * apart)
-    if all(grid.min() == grid.max() for grid in grids):
+    if levels.min() == levels.max():
         return math.nan
     # Each pair of neighbours is counted once here, and twice in Eq. 4; the factor 2 cancels.
     pairs = rows * (columns - 1) + columns * (rows - 1)
@@ -89,18 +80,15 @@ def cluster_sizes(tiles: ArrayLike) -> NDArray[np.int64]:
 
     Args:
         tiles: (rows, columns) of kinds, such as 0 and 1.
-    Returns: shape (number of clusters,).
     Raises:
         InputError: ``tiles`` is not a rectangle of kinds.
     """
     from scipy import ndimage  # here, so that importing this module does not load SciPy
 
-    grid, sizes = as_tiles(tiles), []
-    for kind in range(1, max(int(grid.max()), 1) + 1):
-        labels, _ = ndimage.label(grid == kind)  # scipy's default structure joins through sides only
-        # Label 0, that of other tiles, is left out.
-        sizes.append(np.bincount(np.asarray(labels).ravel())[1:].astype(np.int64))
-    return np.sort(np.concatenate(sizes))[::-1]
+    grid = as_tiles(tiles)
+    # scipy's default structure joins through sides only; label 0, that of other tiles, is left out
+    labels = [ndimage.label(grid == kind)[0] for kind in range(1, max(int(grid.max()), 1) + 1)]
+    return np.sort(np.concatenate([np.bincount(each.ravel())[1:] for each in labels]))[::-1]
 
 
 def entropy(tiles: ArrayLike, ones: int | None = None) -> float:
@@ -127,34 +115,27 @@ def _entropy(sizes: NDArray[np.int64], ones: int | None = None) -> float:
     return max(0.0, (most + float(np.sum(shares * np.log2(shares)))) / most)
 
 
-def measure(tiles: ArrayLike, values: ArrayLike | None = None) -> Difficulty:
+def measure(levels: ArrayLike) -> Difficulty:
     """Return all measures of a floor.
 
     Args:
-        tiles: (rows, columns) of kinds, such as 0 and 1. values: of the same tiles, from 0 to 1; None: they have none.
+        levels: (rows, columns) of kinds, such as 0 and 1, or of values from 0 to 1.
     Raises:
-        InputError: ``tiles`` is not a rectangle of kinds.
+        InputError: ``levels`` is not a rectangle of levels.
     """
-    grid = as_tiles(tiles)
-    sizes, ones = cluster_sizes(grid), int((grid == 1).sum())
-    found = Difficulty(
-        rows=grid.shape[0],
-        columns=grid.shape[1],
-        ones=ones,
-        fill_ratio=ones / grid.size,
-        moran_index=moran_index(grid),
-        entropy=_entropy(sizes),
-        clusters=sizes.size,
-        largest_cluster=int(sizes.max(initial=0)),
-    )
-    if values is None:
-        return found
-    numbers = np.asarray(values, dtype=np.float64)
-    return replace(found, fill_ratio=float(np.mean(numbers)), moran_index=_moran_of([numbers]))
+    return measure_floor(Floor.filling(levels))
 
 
 def measure_floor(floor: Floor) -> Difficulty:
     """Return all measures of a floor at time 0; patches, which no tile shows, count in the fill ratio alone."""
-    values = floor.surface.values
-    found = measure(floor.tiles, None if values is None else values / STEPS)
-    return replace(found, fill_ratio=floor.fill_ratio) if floor.has_patches else found
+    sizes = cluster_sizes(floor.tiles)
+    return Difficulty(
+        rows=floor.tiles.shape[0],
+        columns=floor.tiles.shape[1],
+        ones=int((floor.tiles == 1).sum()),
+        fill_ratio=floor.fill_ratio,
+        moran_index=moran_index(floor.levels),
+        entropy=_entropy(sizes),
+        clusters=sizes.size,
+        largest_cluster=int(sizes.max(initial=0)),
+    )

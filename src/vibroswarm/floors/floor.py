@@ -2,8 +2,9 @@
 
 | name | symbol | unit | shape |
 |---|---|---|---|
-| tiles | E (Eq. 1) | kind: 0 still, 1 vibrating, others as the sensor tells | (rows, columns), top row first |
-| fill ratio | f (Eq. 3) | - | scalar; of values and patches the mean contrast |
+| level | E (Eq. 1) | a kind (0 still, 1 vibrating, others as the sensor tells), or a contrast between | scalar |
+| levels, tiles | - | level of each tile; its kind, of contrasts the nearest | (rows, columns), top row first |
+| fill ratio | f (Eq. 3) | - | scalar; of contrasts and patches the mean contrast |
 | tile index | - | row * columns + column | -1: on no tile |
 
 x points right, y points up, the origin is the arena's lower left corner. A floor may be smaller than its arena; the
@@ -14,12 +15,11 @@ A floor may change during a run: ``tiles`` are those at time 0, and ``Floor.at``
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from vibroswarm.core.jit import kernel
 from vibroswarm.errors import InputError
 from vibroswarm.floors.changes import NO_CHANGES, Changes
-from vibroswarm.floors.surfaces import PLAIN, STEPS, Box, Surface, rectangle
+from vibroswarm.floors.surfaces import STEPS, Box, Patch
 
 TILE_LIMIT: Final = 4_000_000
 """Maximum number of tiles of a floor."""
@@ -38,7 +38,6 @@ DRAWN, WITHIN = 40, 5
 KIND_LIMIT: Final = len(DIGITS)
 """Maximum number of kinds of tile."""
 KINDS_IN_WORDS: Final = f"a tile is 0 (still) or 1 (vibrating), or another kind up to {KIND_LIMIT - 1}"
-"""What a tile may be, for messages."""
 
 Geometry = tuple[int, int, float, float, float, float]
 """Rows, columns, tile width and height, left and bottom of a floor, m."""
@@ -63,8 +62,7 @@ class Place(NamedTuple):
 
 def place_at(geometry: Geometry) -> Place:
     """Return the grid and the position of a floor as kernels use them."""
-    rows, columns, width_m, height_m, left_m, bottom_m = geometry
-    return Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
+    return Place(*geometry[:5], geometry[5] + geometry[0] * geometry[3])
 
 
 def place_of(floor: Floor) -> Place:
@@ -92,54 +90,60 @@ class Floor:
     """Tiles and their position.
 
     Args:
-        tiles: (rows, columns) of kinds, 0 (still), 1 (vibrating) up to 15, top row first; copied.
+        levels: (rows, columns), top row first: kinds, 0 (still), 1 (vibrating) up to 15, or contrasts between 0 and 1,
+            which are rounded to multiples of 1 / ``STEPS``; copied.
         tile_width_m, tile_height_m: size of one tile, m.
         left_m, bottom_m: the floor's lower left corner in the arena, m.
         name: name of the floor in titles and results; equality ignores it.
         changes: tiles that become another kind during a run; by default the floor stays as it is.
-        surface: values of tiles, and patches; by default kinds of tile say all.
+        patches: they do not overlap, and lie on still tiles.
 
     Raises:
-        InputError: ``tiles`` are no rectangle of kinds, or a size is not above 0.
+        InputError: ``levels`` are no rectangle of levels.
     """
 
-    tiles: NDArray[np.uint8]
+    levels: NDArray[Any]
     tile_width_m: float
     tile_height_m: float
     left_m: float = 0.0
     bottom_m: float = 0.0
     name: str = ""
     changes: Changes = NO_CHANGES
-    surface: Surface = PLAIN
+    patches: tuple[Patch, ...] = ()
 
     def __post_init__(self) -> None:
         # The dataclass is frozen, so its field is set past its own __setattr__.
-        object.__setattr__(self, "tiles", as_tiles(self.tiles))
-        self.tiles.setflags(write=False)
-        if not (0.0 < self.tile_width_m < math.inf and 0.0 < self.tile_height_m < math.inf):
-            raise InputError("width and height of a tile must be finite and above 0", field="floor")
+        object.__setattr__(self, "levels", as_levels(self.levels))
+        self.levels.setflags(write=False)
 
     def __eq__(self, other: object) -> bool:
-        """Return whether both floors have equal tiles at equal places, and equal changes; names are ignored."""
+        """Return whether both floors have equal levels at equal places, and equal changes; names are ignored."""
         if not isinstance(other, Floor) or self.geometry != other.geometry:
             return False
-        mine, theirs = self.surface, other.surface
-        pairs = [(self.tiles, other.tiles), *zip(self.changes, other.changes, strict=True)]
-        return (
-            mine.patches == theirs.patches
-            and np.array_equal(self._contrasts, other._contrasts)
-            and (mine.values is None) == (theirs.values is None)
-            and all(map(np.array_equal, *zip(*pairs, strict=True)))
-        )
+        same_levels = self.patches == other.patches and np.array_equal(self.levels, other.levels)
+        pairs: Any = zip(self.changes, other.changes, strict=True)
+        return same_levels and all(np.array_equal(*pair) for pair in pairs)
 
     def __hash__(self) -> int:
         """Return a hash of what ``__eq__`` compares."""
-        return hash((self.geometry, self.tiles.tobytes()))
+        return hash((self.geometry, self.levels.tobytes()))
+
+    @cached_property
+    def tiles(self) -> NDArray[np.uint8]:
+        """The kind of each tile; of contrasts from 1/2 on it is 1."""
+        kinds = np.floor(self.levels + 0.5).astype(np.uint8)
+        kinds.setflags(write=False)
+        return kinds
+
+    @cached_property
+    def has_contrasts(self) -> bool:
+        """Whether any tile is between still and vibrating."""
+        return bool((self.levels % 1.0).any())
 
     @property
     def geometry(self) -> Geometry:
         """Rows, columns, tile width and height, left and bottom (m)."""
-        rows, columns = self.tiles.shape
+        rows, columns = self.levels.shape
         return rows, columns, self.tile_width_m, self.tile_height_m, self.left_m, self.bottom_m
 
     @property
@@ -156,7 +160,7 @@ class Floor:
         if not self.is_changing:
             return self
         until = int(np.searchsorted(self.changes.time_s, time_s, side="right"))
-        return self._after(self.tiles, slice(0, until))
+        return self._after(self.levels, slice(0, until))
 
     def stages(self) -> Iterator[tuple[float, Floor]]:
         """Yield the floor between its changes: the time from which it is so (s, 0 first), and a floor that stays."""
@@ -165,38 +169,37 @@ class Floor:
         times_s = self.changes.times_s
         first = np.searchsorted(self.changes.time_s, times_s).tolist()
         for time_s, which in zip(times_s.tolist(), pairwise([*first, None]), strict=True):
-            floor = self._after(floor.tiles, slice(*which))
+            floor = self._after(floor.levels, slice(*which))
             yield time_s, floor
 
-    def _after(self, tiles: NDArray[np.uint8], which: slice) -> Floor:
-        """Return a floor with ``tiles`` after these changes, of which a later one of the same tile counts."""
-        changed = tiles.copy()
+    def _after(self, levels: NDArray[np.float64], which: slice) -> Floor:
+        """Return a floor with ``levels`` after these changes, of which a later one of the same tile counts."""
+        changed = levels.copy()
         changed.ravel()[self.changes.tile[which]] = self.changes.kind[which]
         return Floor(changed, *self.geometry[2:], name=self.name)
 
     @property
-    def has_patches(self) -> bool:
-        """Whether patches, which may be none in a run, say what it is like, and not its tiles."""
-        return self.surface is not PLAIN and self.surface.values is None
-
-    @property
     def drawn_tiles(self) -> NDArray[np.uint8]:
         """Tiles as drawings show them; with patches, ``DRAWN`` x ``DRAWN`` cells, 1 where a patch lies in them."""
-        if not self.has_patches:
+        if not self.patches:
             return self.tiles
         rows, columns, width_m, height_m, left_m, bottom_m = self.geometry
         share = (np.arange(DRAWN * WITHIN) + 0.5) / (DRAWN * WITHIN)
         x_m, y_m = np.meshgrid(left_m + columns * width_m * share, bottom_m + rows * height_m * share[::-1])
-        touched = self.contrast_at(x_m, y_m) > 0.0
-        cells = np.any(touched.reshape(DRAWN, WITHIN, DRAWN, WITHIN), axis=(1, 3))
-        return np.asarray(cells, dtype=np.uint8)
+        touched = (self.contrast_at(x_m, y_m) > 0.0).reshape(DRAWN, WITHIN, DRAWN, WITHIN)
+        return np.asarray(touched.any(axis=(1, 3)), dtype=np.uint8)
 
     @property
     def fill_ratio(self) -> float:
-        """Share of tiles that vibrate, f (Eq. 3), at time 0: kind 1; of values and patches the mean contrast."""
+        """Share of tiles that vibrate, f (Eq. 3), at time 0: kind 1; of contrasts and patches the mean contrast."""
         rows, columns, width_m, height_m, _, _ = self.geometry
-        patched_m2 = sum(patch.contrast * patch.area_m2 for patch in self.surface.patches)
-        return _share_of(self._mean_value + patched_m2 / (rows * columns * width_m * height_m))  # Eq. 3
+        patched_m2 = sum(patch.contrast * patch.area_m2 for patch in self.patches)
+        return _share_of(self._mean_of(1) + patched_m2 / (rows * columns * width_m * height_m))  # Eq. 3
+
+    def _mean_of(self, kind: int) -> float:
+        """Return the share of a kind without patches, correctly rounded."""
+        steps = np.rint(weight_of(kind, self.levels) * STEPS).astype(np.int64)
+        return int(steps.sum()) / (STEPS * steps.size)
 
     def box_within(self, width_m: float, height_m: float) -> Box:
         """Return left, bottom, right and top, m, of the part inside an arena of ``width_m`` by ``height_m``."""
@@ -217,56 +220,38 @@ class Floor:
         Raises:
             InputError: all tiles lie outside the arena.
         """
-        sides = sides_inside(self.geometry, width_m, height_m)
-        if sides is None and self.surface is PLAIN:
-            of_kind = self.tiles == kind
-            return float(np.count_nonzero(of_kind) / of_kind.size)
-        if sides is not None and not sides[0].sum() * sides[1].sum():
-            raise InputError(f"lies outside the arena of {width_m:g} m x {height_m:g} m", field="floor")
-        if self.surface is not PLAIN:
-            if sides is None and not self.surface.patches and kind < 2:  # exactly, as of kinds
-                return self._mean_value if kind == 1 else 1.0 - self._mean_value
-            contrast, share = self.contrast_shares(width_m, height_m)
-            return _share_of((share * (contrast if kind == 1 else 1.0 - contrast)).sum()) if kind < 2 else 0.0
-        assert sides is not None
-        across, up = sides  # the width of each column and the height of each row inside the arena, m
-        return _share_of((up[:, None] * (self.tiles == kind) * across).sum() / (up.sum() * across.sum()))
+        if not self.patches and sides_inside(self.geometry, width_m, height_m) is None:
+            return self._mean_of(kind)
+        level, share = self.level_shares(width_m, height_m)
+        return _share_of((share * weight_of(kind, level)).sum())
 
-    def contrast_shares(
+    def level_shares(
         self, width_m: float, height_m: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return contrasts, from 0 (still) to 1 (vibrating), and which share of the floor inside an arena has each.
+        """Return levels, 0 first, and which share of the floor inside an arena has each.
 
-        Contrasts may occur several times. Patches lie on still tiles, so their shares are taken off those of contrast
-        0, one by one.
+        Levels may occur several times. Patches lie on still tiles, so their shares are taken off those of level 0.
 
         Args:
             width_m, height_m: size of the arena, m.
+        Raises:
+            InputError: all tiles lie outside the arena.
         """
+        levels = np.append(0.0, np.unique(self.levels[self.levels > 0.0]))
         rows, columns, tile_width_m, tile_height_m, _, _ = self.geometry
         sides = sides_inside(self.geometry, width_m, height_m)
-        across, up = (
-            sides if sides is not None else (np.full(columns, tile_width_m), np.full(rows, tile_height_m))
-        )
-        area_m2 = np.outer(up, across)
-        whole_m2, patches = area_m2.sum(), self.surface.patches
-        patched = np.array([patch.area_m2 for patch in patches]) / whole_m2
-        of_patches = np.array([patch.contrast for patch in patches])
-        contrast = np.concatenate([self._contrasts.ravel(), of_patches, np.zeros(len(patches))])
-        return contrast, np.concatenate([area_m2.ravel() / whole_m2, patched, -patched])
-
-    @property
-    def _mean_value(self) -> float:
-        """The mean contrast of the tiles, without patches; correctly rounded."""
-        values = self.surface.values
-        if values is None:
-            return float(np.count_nonzero(self.tiles == 1) / self.tiles.size)  # Eq. 3
-        return int(values.sum(dtype=np.int64)) / (STEPS * values.size)
-
-    @property
-    def _contrasts(self) -> NDArray[np.float64]:
-        values = self.surface.values
-        return (self.tiles == 1).astype(np.float64) if values is None else np.asarray(values / STEPS)
+        # the width of each column and the height of each row inside the arena, m
+        across, up = sides or (np.full(columns, tile_width_m), np.full(rows, tile_height_m))
+        if not up.sum() * across.sum():
+            raise InputError(f"lies outside the arena of {width_m:g} m x {height_m:g} m", field="floor")
+        if sides is None:
+            share = [np.count_nonzero(self.levels == level) / self.levels.size for level in levels]
+        else:
+            areas = [(up[:, None] * (self.levels == level) * across).sum() for level in levels]
+            share = [area / (up.sum() * across.sum()) for area in areas]
+        patched = [patch.area_m2 / np.outer(up, across).sum() for patch in self.patches]
+        level = np.concatenate([levels, [patch.contrast for patch in self.patches], np.zeros(len(patched))])
+        return level, np.concatenate([share, patched, -np.array(patched)])
 
     def contrast_at(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.float64]:
         """Return the contrast at each point, 0 (still, or no tile) to 1 (vibrating), in the shape of the points.
@@ -274,23 +259,22 @@ class Floor:
         Args:
             x_m, y_m: coordinates of the points in the arena, m, in two arrays of the same shape.
         """
-        tile = self.tile_at(x_m, y_m)
-        found = np.append(self._contrasts, 0.0)[tile]  # -1, no tile, reads the last entry
-        x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
-        for patch in self.surface.patches:
-            found = np.where(patch.distance_m(x, y) < 0.0, patch.contrast, found)
+        found = np.append(weight_of(1, self.levels), 0.0)[self.tile_at(x_m, y_m)]  # -1 reads the last entry
+        for patch in self.patches:
+            inside = patch.distance_m(np.asarray(x_m, np.float64), np.asarray(y_m, np.float64)) < 0.0
+            found = np.where(inside, patch.contrast, found)
         return np.asarray(found)
 
     @classmethod
-    def filling(cls, tiles: ArrayLike, width_m: float = 1.0, height_m: float = 1.0, name: str = "") -> Floor:
+    def filling(cls, levels: ArrayLike, width_m: float = 1.0, height_m: float = 1.0, name: str = "") -> Floor:
         """Return a floor whose tiles fill the rectangle from the origin to (``width_m``, ``height_m``).
 
         Args:
-            tiles: (rows, columns) of kinds, top row first. name: name of the floor.
+            levels: (rows, columns) of kinds or contrasts, top row first. name: name of the floor.
         Raises:
-            InputError: ``tiles`` is not a rectangle of kinds, or a size is not above 0.
+            InputError: ``levels`` is not a rectangle of levels.
         """
-        grid = as_tiles(tiles)
+        grid = as_levels(levels)
         return cls(grid, width_m / grid.shape[1], height_m / grid.shape[0], name=name)
 
     def tile_at(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.int32]:
@@ -304,7 +288,7 @@ class Floor:
             x_m, y_m: coordinates of the points in the arena, m, in two arrays of the same shape.
         Returns: int32 of the same shape.
         """
-        rows, columns = self.tiles.shape
+        rows, columns = self.levels.shape
         x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
         top_m = self.bottom_m + rows * self.tile_height_m
         column = np.floor((x - self.left_m) / self.tile_width_m)
@@ -312,6 +296,12 @@ class Floor:
         # Compared before the conversion to integers, so that a point at nan or infinity is on no tile.
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         return np.where(inside, row * columns + column, -1).astype(np.int32)
+
+
+def weight_of(kind: int, levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the weight of a kind in each level: 0 or 1, at contrasts their share of the kinds 0 and 1."""
+    of_two = levels if kind == 1 else 1.0 - levels if kind == 0 else np.zeros(levels.shape)
+    return np.where(levels <= 1.0, of_two, levels == kind)
 
 
 def _share_of(value: float) -> float:
@@ -356,15 +346,28 @@ def sides_inside(
     return across, up
 
 
-def check_size(rows: int, columns: int) -> None:
-    """Refuse a floor without tiles, or with more than ``TILE_LIMIT`` tiles."""
-    if rows < 1 or columns < 1 or rows * columns > TILE_LIMIT:
-        raise InputError(f"{rows} x {columns} is no floor of 1 to {TILE_LIMIT:,} tiles", field="tiles")
-
-
 def rows_of(tiles: NDArray[np.uint8]) -> tuple[str, ...]:
     """Return tiles as a scenario holds them: one string a row, top row first, one hexadecimal digit a tile."""
     return tuple("".join(DIGITS[kind] for kind in row) for row in tiles.tolist())
+
+
+def as_levels(values: ArrayLike) -> NDArray[np.float64]:
+    """Return levels as float64 of shape (rows, columns), contrasts rounded to multiples of 1 / ``STEPS``; a copy.
+
+    Raises:
+        InputError: ``values`` is not a rectangle of kinds up to ``KIND_LIMIT`` - 1, or of numbers from 0 to 1.
+    """
+    try:
+        grid = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        grid = np.empty(0)
+    if grid.ndim != 2 or grid.size == 0 or not ((grid >= 0.0) & (grid < KIND_LIMIT)).all():
+        raise InputError(
+            f"is not a rectangle of numbers from 0 to {KIND_LIMIT - 1}, row by row", field="floor"
+        )
+    if ((grid > 1.0) & (grid % 1.0 > 0.0)).any():
+        raise InputError(KINDS_IN_WORDS, field="floor")
+    return np.ascontiguousarray(np.rint(grid * STEPS) / STEPS)
 
 
 def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
@@ -373,12 +376,7 @@ def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
     Raises:
         InputError: ``values`` is not a rectangle, is empty, or has values other than 0 to ``KIND_LIMIT`` - 1.
     """
-    # For speed: an array of the right type and values is only copied.
-    if isinstance(values, np.ndarray) and values.dtype == np.uint8 and values.ndim == 2 and values.size:
-        copied = np.array(values, order="C")
-        if copied.max() < KIND_LIMIT:
-            return copied
-    grid = rectangle(values, KIND_LIMIT - 1, "floor")
-    if (grid % 1).any():
+    levels = as_levels(values)
+    if (np.asarray(values, dtype=np.float64) % 1.0).any():
         raise InputError(KINDS_IN_WORDS, field="floor")
-    return np.ascontiguousarray(grid, dtype=np.uint8)
+    return levels.astype(np.uint8)

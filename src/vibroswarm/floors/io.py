@@ -13,7 +13,7 @@ import io
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TextIO
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,7 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.numbers import percent, whole
 from vibroswarm.core.untrusted_files import read_bytes
 from vibroswarm.errors import InputError, named, number_of, warn_once
-from vibroswarm.floors.floor import as_tiles, check_size, rows_of
-
-if TYPE_CHECKING:
-    from PIL import Image
+from vibroswarm.floors.floor import DIGITS, TILE_LIMIT, as_tiles, rows_of
 
 Size = tuple[int, int]
 """Rows and columns of a floor."""
@@ -34,8 +31,8 @@ FILE_LIMIT: Final = 64 * 2**20
 """Size limit of files, bytes."""
 SUFFIXES: Final = (".txt", ".csv", ".png")
 """Formats of ``write_tiles``."""
-PICTURES: Final = {"PNG": b"\x89PNG\r\n\x1a\n", "JPEG": b"\xff\xd8\xff"}
-"""Formats of pictures that are read, and the first bytes of their files."""
+PICTURES: Final = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")
+"""First bytes of the files of pictures that are read, PNG and JPEG."""
 BIT_DEPTH: Final = 24
 """Place of the byte of a PNG file that states the bits of each channel."""
 
@@ -58,11 +55,9 @@ def parse_tiles(text: str, field: str = "--tiles") -> Size:
         InputError: the text is not of this form, or the size is impossible.
     """
     match = re.fullmatch(r"\s*([0-9]{1,9})\s*[xX×]\s*([0-9]{1,9})\s*", text)
-    if match is None:
+    rows, columns = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not 1 <= rows * columns <= TILE_LIMIT:
         raise InputError(f"'{text}' is not a size; give rows x columns, for example 5x5", field=field)
-    rows, columns = int(match[1]), int(match[2])
-    with named(field):
-        check_size(rows, columns)
     return rows, columns
 
 
@@ -83,7 +78,7 @@ def read_tiles(
             or ``threshold`` is out of range.
     """
     data, name = read_bytes(Path(path), FILE_LIMIT, "a floor"), str(path)
-    if _is_picture(data):
+    if data.startswith(PICTURES):
         return _tiles_of_picture(_grey(data, name), name, tiles, threshold)
     return _tiles_of_text(_decoded(data, name), name, tiles)
 
@@ -99,18 +94,14 @@ def read_values(
     Raises:
         InputError: the file cannot be read, or is not a rectangle of numbers between ``ends``.
     """
-    data, name = read_bytes(Path(path), FILE_LIMIT, "a floor"), str(path)
-    if _is_picture(data):
+    data, name, (low, high) = read_bytes(Path(path), FILE_LIMIT, "a floor"), str(path), ends
+    if data.startswith(PICTURES):
         return _brightness(_grey(data, name), size, name)
-    values, (low, high) = _numbers(_cells(_decoded(data, name)), name), ends
-    if not (low <= values.min() and values.max() <= high):
-        raise InputError(
-            f"holds numbers from {values.min():g} to {values.max():g}, beyond {low:g} to {high:g}; state a range that "
-            f"holds them, as values:{math.floor(values.min())}..{math.ceil(values.max())}:{name}",
-            field=name,
-        )
+    values = (_numbers(_cells(_decoded(data, name)), name) - low) / (high - low)
+    if not ((values >= 0.0) & (values <= 1.0)).all():
+        raise InputError(f"has numbers beyond {low:g} to {high:g}; give values:LOW..HIGH:{name}", field=name)
     _check_shape(values, size, name)
-    return (values - low) / (high - low)
+    return values
 
 
 # Text
@@ -171,14 +162,13 @@ def _tiles_of_list(numbers: NDArray[np.float64], name: str, size: Size | None) -
     """Return the tiles of a list of (column, row) or (column, row, kind), counted from 0 at the top left."""
     if size is None:
         raise InputError("is a list of coordinates; add its size, for example --tiles 5x5", field=name)
-    columns, rows = numbers[:, :2].T.astype(np.int64)
-    inside = (columns >= 0) & (columns < size[1]) & (rows >= 0) & (rows < size[0])
-    if numbers.shape[1] not in (2, 3) or (numbers[:, :2] % 1).any() or not inside.all():
+    at = numbers[:, 1::-1]  # row and column
+    if numbers.shape[1] not in (2, 3) or (at % 1).any() or (at < 0).any() or (at >= size).any():
         raise InputError(
             f"a line is no column,row or column,row,kind of {size[0]} x {size[1]} tiles, from 0", field=name
         )
     tiles = np.zeros(size)
-    tiles[rows, columns] = numbers[:, 2] if numbers.shape[1] == 3 else 1
+    tiles[tuple(at.T.astype(np.int64))] = numbers[:, 2] if numbers.shape[1] == 3 else 1
     with named(name, of="floor"):
         return as_tiles(tiles)
 
@@ -186,24 +176,17 @@ def _tiles_of_list(numbers: NDArray[np.float64], name: str, size: Size | None) -
 # Pictures
 
 
-class _Grey(NamedTuple):
-    """The grey level of each pixel, integers of shape (height, width), and the level of white."""
-
-    levels: NDArray[Any]
-    white: int
+_Grey = tuple[Any, int]
+"""The grey level of each pixel, integers of shape (height, width), and the level of white."""
 
 
 def is_picture(path: Path | str) -> bool:
     """Return whether a file is a picture that can be read, by its first bytes; False if it cannot be opened."""
     try:
         with Path(path).open("rb") as file:
-            return _is_picture(file.read(16))
+            return file.read(16).startswith(PICTURES)
     except (OSError, ValueError):  # ValueError: the name holds a NUL
         return False
-
-
-def _is_picture(data: bytes) -> bool:
-    return data.startswith(tuple(PICTURES.values()))
 
 
 def check_threshold(threshold: float, field: str = "--image-threshold") -> None:
@@ -214,21 +197,13 @@ def check_threshold(threshold: float, field: str = "--image-threshold") -> None:
 def _tiles_of_picture(
     grey: _Grey, name: str, size: Size | None, threshold: float | None
 ) -> NDArray[np.uint8]:
-    if size is None and grey.levels.size > MOST_PIXELS:
-        raise InputError(
-            f"has more than {MOST_PIXELS:,} pixels; add --tiles ROWSxCOLUMNS, into which it is divided",
-            field=name,
-        )
     brightness, near = _brightness(grey, size, name), NEAR
+    if size is None and brightness.size > MOST_PIXELS:
+        raise InputError(f"has more than {MOST_PIXELS:,} pixels; add --tiles ROWSxCOLUMNS", field=name)
     if threshold is None:
-        threshold, levels = THRESHOLD, _clear_levels(grey)
-        if levels is not None and (levels[0] < threshold) == (levels[1] < threshold):
-            threshold, near = sum(levels) / 2.0, NEAR * (levels[1] - levels[0])
-            dark, bright = (percent(level, None) for level in levels)
-            warn_once(
-                f"{name}: its two levels, {dark} and {bright} of full brightness, are on one side of "
-                f"{percent(THRESHOLD, None)}; tiles are split between them"
-            )
+        threshold, (dark, bright) = THRESHOLD, _clear_levels(grey)
+        if (dark < threshold) == (bright < threshold):
+            threshold, near = (dark + bright) / 2.0, NEAR * (bright - dark)
     check_threshold(threshold)
     count = int((np.abs(brightness - threshold) < near).sum())
     if count:
@@ -239,21 +214,19 @@ def _tiles_of_picture(
     return (brightness >= threshold).astype(np.uint8)
 
 
-def _clear_levels(grey: _Grey) -> tuple[float, float] | None:
-    """Return the mean brightness of the dark and of the bright pixels if these two levels are clear, else None.
+def _clear_levels(grey: _Grey) -> tuple[float, float]:
+    """Return the mean brightness of the dark and of the bright pixels if these two levels are clear, else 0 and 1.
 
     The pixels are divided where that explains most of the variance of their levels (Otsu, 1979).
     """
-    levels, counts = np.unique(grey.levels / grey.white, return_counts=True)
-    if levels.size < 2:
-        return None
-    share = counts / grey.levels.size
+    levels, counts = np.unique(grey[0] / grey[1], return_counts=True)
+    share = counts / grey[0].size
     dark, sums = np.cumsum(share)[:-1], np.cumsum(share * levels)
     mean, sums = sums[-1], sums[:-1]
     explained = (mean * dark - sums) ** 2 / (dark * (1.0 - dark))
+    if levels.size < 2 or explained.max() < CLEAR * (share * (levels - mean) ** 2).sum():
+        return 0.0, 1.0
     best = int(explained.argmax())
-    if explained[best] < CLEAR * (share * (levels - mean) ** 2).sum():
-        return None
     return float(sums[best] / dark[best]), float((mean - sums[best]) / (1.0 - dark[best]))
 
 
@@ -262,32 +235,30 @@ def _grey(data: bytes, name: str) -> _Grey:
     from PIL import Image, ImageOps
 
     try:
-        with Image.open(io.BytesIO(data), formats=list(PICTURES)) as file:
-            picture: Image.Image = ImageOps.exif_transpose(file)
-        opacity = picture.convert("RGBA").getchannel("A") if picture.has_transparency_data else None
+        picture = ImageOps.exif_transpose(Image.open(io.BytesIO(data), formats=["PNG", "JPEG"]))
     except Exception as error:  # Pillow raises many kinds of error on damaged pictures
         raise InputError(f"cannot be read as a picture ({error})", field=name) from None
-    if opacity is not None and np.asarray(opacity).min() < 255:
-        raise InputError("has transparent pixels; give a picture without", field=name)
     if picture.mode.startswith("I"):  # grey of 16 bits, which convert("L") would clip
-        return _Grey(np.asarray(picture), 65535)
-    if data.startswith(PICTURES["PNG"]) and data[BIT_DEPTH] == 16:
-        raise InputError("has colours of 16 bits; save it with 8", field=name)
-    return _Grey(np.asarray(picture.convert("L")), 255)
+        return np.asarray(picture), 65535
+    is_16_bit = data.startswith(PICTURES[0]) and data[BIT_DEPTH] == 16
+    if is_16_bit or np.asarray(picture.convert("RGBA"))[..., 3].min() < 255:
+        raise InputError("has transparent pixels, or colours of 16 bits; save it without", field=name)
+    return np.asarray(picture.convert("L")), 255
 
 
 def _brightness(grey: _Grey, size: Size | None, name: str) -> NDArray[np.float64]:
     """Return the mean brightness of each part, as a share of white; borders are rounded down, sums are integers."""
-    height, width = grey.levels.shape
+    levels, white = grey
+    height, width = levels.shape
     rows, columns = size or (height, width)
     if rows > height or columns > width:
         raise InputError(
             f"has only {height} x {width} pixels for {rows} x {columns} tiles; give fewer tiles", field=name
         )
     tops, lefts = np.arange(rows) * height // rows, np.arange(columns) * width // columns
-    sums = np.add.reduceat(np.add.reduceat(grey.levels, tops, axis=0, dtype=np.int64), lefts, axis=1)
+    sums = np.add.reduceat(np.add.reduceat(levels, tops, axis=0, dtype=np.int64), lefts, axis=1)
     areas = np.outer(np.diff(np.append(tops, height)), np.diff(np.append(lefts, width)))
-    return np.asarray(sums / areas / grey.white)
+    return np.asarray(sums / areas / white)
 
 
 # Writing and drawing
@@ -333,30 +304,15 @@ def check_suffix(path: Path, known: tuple[str, ...] = SUFFIXES) -> str:
     return suffix
 
 
-_BLOCKS: Final = "·█"
-"""Characters of a still and of a vibrating tile, in Unicode."""
-
-
-def draw(tiles: NDArray[np.uint8], *, blocks: bool = False, width: int = 80) -> str:
+def draw(tiles: NDArray[np.uint8], width: int = 80) -> str:
     """Return a drawing of the floor in characters, one line per row, with a legend below.
 
     Args:
         tiles: (rows, columns) of kinds. Those above 1 are drawn as their hexadecimal digit.
-        blocks: whether to use Unicode blocks; plain ASCII otherwise.
         width: width of the terminal, characters. Each tile is two characters wide if the rows then fit, else one.
     """
     repeats = 2 if 2 * tiles.shape[1] <= width else 1
-    still, vibrating = _BLOCKS if blocks else ".#"
-    marks = str.maketrans({"0": still, "1": vibrating})
-    lines = ["".join(mark * repeats for mark in row.translate(marks)) for row in rows_of(tiles)]
+    marks = str.maketrans({"0": "." * repeats, "1": "#" * repeats, **{d: d * repeats for d in DIGITS[2:]}})
     more = "  2 and above: other kinds" if tiles.max() > 1 else ""
-    return "\n".join([*lines, f"{vibrating * repeats} vibrating  {still * repeats} still{more}"])
-
-
-def can_draw_blocks(stream: TextIO) -> bool:
-    """Return whether the encoding of ``stream`` has the characters that ``draw`` uses with ``blocks``."""
-    try:
-        _BLOCKS.encode(getattr(stream, "encoding", None) or "ascii")
-    except (UnicodeEncodeError, LookupError):
-        return False
-    return True
+    legend = f"{'#' * repeats} vibrating  {'.' * repeats} still{more}"
+    return "\n".join([*(row.translate(marks) for row in rows_of(tiles)), legend])

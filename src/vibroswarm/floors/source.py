@@ -3,10 +3,9 @@
 | source | floor |
 |---|---|
 | ``diagonal:0.46`` | a pattern of the paper, 10 x 10 tiles, top row first |
-| ``stripe:0.4,0.36,0.24`` | likewise with shares of the kinds 0, 1, 2: ``stripe``, ``diagonal`` or ``alternating`` |
 | ``random:0.48`` | a share of vibrating tiles at random places: a new floor for each run |
 | ``random:0.4,0.36,0.24`` | shares of the kinds 0, 1, 2 of tile at random places, likewise |
-| ``patch:0.10``, ``gradient:0.2..0.8``, ``hill:0.3,0.6,0.2``, ``field:2`` | patches and values, see ``surfaces`` |
+| ``patch:0.10`` | patches, see ``surfaces`` |
 | ``floors/mine.csv`` | a file, see ``io`` |
 | ``values:floors/mine.csv`` | a file of numbers from 0 to 1, or a grey picture |
 | ``values:3..12:floors/mine.csv`` | a file of numbers from 3 to 12, which are the values 0 and 1 |
@@ -22,30 +21,21 @@ The paper's table has five patterns at two fill ratios. Two names differ from th
 
 from __future__ import annotations
 
-import math
+import os.path
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.rng import shuffled
 from vibroswarm.errors import InputError, nearest, shown
-from vibroswarm.floors.floor import as_tiles, check_size
+from vibroswarm.floors.floor import as_tiles, rows_of
 from vibroswarm.floors.io import Size, read_tiles, read_values
 from vibroswarm.floors.surfaces import (
-    EXAMPLES,
-    PATCHES,
-    PLAIN,
-    Box,
-    Surface,
-    kind_of_name,
-    kinds_of,
-    named_patches,
-    named_values,
-    steps_of,
+    is_patches,
 )
 
 _DIAGONAL: Final = (
@@ -104,14 +94,9 @@ def is_random(spec: str) -> bool:
     return spec.partition(":")[0] == RANDOM
 
 
-def is_redrawn(spec: str) -> bool:
-    """Return whether ``spec`` names a floor that is another one in each run."""
-    return is_random(spec) or kind_of_name(spec) in (PATCHES, "field")
-
-
 def is_generated(spec: str) -> bool:
-    """Return whether ``spec`` names a floor of any size: a random one, patches, or values."""
-    return is_random(spec) or bool(kind_of_name(spec))
+    """Return whether ``spec`` names a floor of any size, another in each run: a random one, or patches."""
+    return is_random(spec) or is_patches(spec)
 
 
 def family(name: str) -> str | None:
@@ -121,7 +106,7 @@ def family(name: str) -> str | None:
 
 
 def source_of(kind: str, *shares: float) -> str:
-    """Return the name of a floor of shares, such as ``random:0.48`` or ``stripe:0.5,0.3,0.2``."""
+    """Return the name of a floor of shares, such as ``random:0.48`` or ``random:0.5,0.3,0.2``."""
     return f"{kind}:{','.join(f'{share:g}' for share in shares)}"
 
 
@@ -130,8 +115,8 @@ def source_of(kind: str, *shares: float) -> str:
 
 def resolve(
     spec: str, tiles: Size | None = None, seed: int = 0, run: int = 0, *, threshold: float | None = None
-) -> tuple[NDArray[np.uint8], str]:
-    """Return the floor called ``spec``, and its name.
+) -> tuple[NDArray[Any], str]:
+    """Return the levels of the floor called ``spec``, and its name.
 
     A name of a pattern or of a random floor is never read as a file, even if a file of this name exists.
 
@@ -142,15 +127,17 @@ def resolve(
             coordinates cannot be read.
         seed, run: select one random floor; not used for other floors.
         threshold: as ``read_tiles`` takes it.
-    Returns: the tiles, uint8 of shape (rows, columns), top row first; the name of the floor in titles and results.
+    Returns: kinds, uint8, or values, (rows, columns), top row first; the name of the floor in titles and results.
     Raises:
         InputError: there is no such pattern or file (the message names the most similar pattern), the file cannot be
             read or is no floor, the fill ratio of a random floor is impossible, or the floor does not fit ``tiles``.
     """
-    if (found := values_in(spec, tiles)) is not None:
-        return kinds_of(steps_of(found[0])), found[1]
     if not is_generated(spec) and family(spec) is None:
-        if not _is_file(spec):
+        match = _VALUES.fullmatch(spec)
+        if match is not None:
+            ends = float(match["low"] or 0.0), float(match["high"] or 1.0)
+            return read_values(match["path"], tiles, ends).round(6), Path(match["path"]).name
+        if not os.path.exists(spec):  # noqa: PTH110 - which raises no error, whatever the text
             raise _unknown(spec)
         return read_tiles(spec, tiles, threshold), Path(spec).name
     grid = named_tiles(spec, *(tiles or DEFAULT_SIZE), seed, run)
@@ -159,57 +146,45 @@ def resolve(
     return grid, spec
 
 
+def fields_of_file(spec: str, tiles: Size | None = None, threshold: float | None = None) -> dict[str, Any]:
+    """Return the fields of the section ``floor`` of a scenario with the floor of a pattern or a file.
+
+    Args: as of ``resolve``.
+    """
+    levels, name = resolve(spec, tiles, threshold=threshold)
+    if levels.dtype == np.uint8:
+        return {"source": name, "tiles": rows_of(levels), "values": None}
+    return {"source": name, "tiles": None, "values": tuple(map(tuple, levels.tolist()))}
+
+
 def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:
-    """Return the tiles of a pattern or of a random floor.
+    """Return the tiles of a pattern or a random floor, and the still ones below patches.
 
     Args:
-        source: a pattern with its fill ratio (``diagonal:0.46``), a random floor (``random:0.48``), or one of
-            ``surfaces``, whose tiles stand for its values, and are still below its patches.
+        source: a pattern with its fill ratio (``diagonal:0.46``), a random floor (``random:0.48``), and so on.
         rows, columns: size of a floor that is no pattern. seed, run: select one random floor. All four are not used for
             patterns, which are 10 x 10.
     Raises:
         InputError: there is no such pattern (the message names the most similar name), or a floor of this size cannot
             have this fill ratio.
     """
-    first, colon, _ = source.partition(":")
-    match first if colon else "":
-        case "patch":
-            return np.zeros((rows, columns), dtype=np.uint8)
-        case "gradient" | "hill" | "field":
-            return kinds_of(named_values(source, rows, columns, seed, run))
-        case "random":
-            return random_tiles(rows, columns, _shares(source), seed, run)
-        case name if name in FAMILIES:
-            return pattern(source)
-    if _is_file(source):
-        raise InputError(f"'{source}' is a file; set floor.tiles = read_tiles('{source}')", field=_FIELD)
+    if is_patches(source):
+        return np.zeros((rows, columns), dtype=np.uint8)
+    if is_random(source):
+        return random_tiles(rows, columns, _shares(source), seed, run)
+    if family(source) is not None:
+        return pattern(source)
     raise _unknown(source)
-
-
-def surface_of(spec: str, size: Size, box_m: Box, seed: int = 0, run: int = 0) -> Surface:
-    """Return values and patches of a floor.
-
-    Args:
-        spec, seed, run: as ``resolve`` takes them. size: rows and columns. box_m: the part in which patches lie.
-    """
-    if (found := values_in(spec, size)) is not None:
-        return Surface(values=steps_of(found[0]))
-    kind = kind_of_name(spec)
-    if kind == PATCHES:
-        return Surface(patches=named_patches(spec, box_m, seed, run))
-    return Surface(values=named_values(spec, *size, seed, run)) if kind else PLAIN
 
 
 def pattern(name: str) -> NDArray[np.uint8]:
     """Return the tiles of a named pattern, uint8 of shape (10, 10), top row first.
 
     Args:
-        name: one of ``NAMES``, or one of ``ORDERS`` with shares of kinds.
+        name: one of ``NAMES``.
     Raises:
         InputError: no pattern has this name.
     """
-    if "," in name and family(name) in ORDERS:
-        return _pattern_of_kinds(name)
     if name not in _PATTERNS:
         raise _unknown(name)
     drawing, cleared = _PATTERNS[name]  # cleared: tiles that vibrate in the drawing but are still
@@ -217,36 +192,6 @@ def pattern(name: str) -> NDArray[np.uint8]:
     for row, column in cleared:
         tiles[row, column] = 0
     return tiles
-
-
-_SIDE: Final = 10
-"""Rows and columns of patterns."""
-_ROW, _COLUMN = np.divmod(np.arange(_SIDE * _SIDE), _SIDE)
-ORDERS: Final = {
-    "stripe": np.arange(_SIDE * _SIDE),
-    "diagonal": np.argsort(_COLUMN - _ROW, kind="stable"),
-    "alternating": np.arange(_SIDE * _SIDE),
-}
-"""Patterns of any number of kinds: order in which tiles, row by row from the top, get the kinds 1, 2 and so on, then 0;
-in ``alternating`` each gets the kind that lags its share most, one tile less for each neighbour of that kind."""
-
-
-def _pattern_of_kinds(name: str) -> NDArray[np.uint8]:
-    """Return the tiles of a pattern with shares of kinds, such as ``stripe:0.4,0.36,0.24``."""
-    shares = _shares(name)
-    left = np.array([0, *(exact_ones(_SIDE, _SIDE, share) for share in shares[1:])])
-    left[0] = _SIDE * _SIDE - left.sum()
-    kinds = np.roll(np.repeat(np.arange(left.size), left), -left[0])
-    if family(name) == "alternating":
-        for k in range(kinds.size):
-            lags = np.array(shares) * (k + 1) - np.bincount(kinds[:k], minlength=left.size)
-            lags[kinds[k - 1]] -= k % _SIDE > 0
-            lags[kinds[k - _SIDE]] -= k >= _SIDE
-            kinds[k] = np.where(left > 0, lags, -np.inf).argmax()
-            left[kinds[k]] -= 1
-    tiles = np.empty(_SIDE * _SIDE, dtype=np.uint8)
-    tiles[ORDERS[family(name) or ""]] = kinds
-    return tiles.reshape(_SIDE, _SIDE)
 
 
 def random_tiles(
@@ -260,9 +205,8 @@ def random_tiles(
             tiles that they give must be whole, to about six digits.
         seed: in [0, 2^63). run: in [0, 2^32).
     Raises:
-        InputError: the size or a share is impossible.
+        InputError: a share is impossible.
     """
-    check_size(rows, columns)
     shares = [fill_ratio] if isinstance(fill_ratio, float | int) else list(fill_ratio)[1:]
     tiles, first = np.zeros(rows * columns, dtype=np.uint8), 0
     order = shuffled(rows * columns, seed, run)
@@ -277,23 +221,18 @@ def exact_ones(rows: int, columns: int, fill_ratio: float) -> int:
     """Return the number of vibrating tiles that gives ``fill_ratio``, to about six digits.
 
     Raises:
-        InputError: ``fill_ratio`` is not in [0, 1], or no number of tiles gives it; the message names the two nearest
-            fill ratios that are possible.
+        InputError: ``fill_ratio`` is not in [0, 1], or no number of tiles gives it.
     """
-    if not 0 <= fill_ratio <= 1:
-        raise InputError(f"{shown(fill_ratio)} is not a share; give a number from 0 to 1", field=_FIELD)
     count = rows * columns
-    ones = round(fill_ratio * count)
+    ones = round(fill_ratio * count) if 0 <= fill_ratio <= 1 else -1
     # The user may round the fill ratio to six digits (1e-6), but by at most 0.01 tiles, so that it is clear which whole
     # number is meant.
-    if abs(fill_ratio * count - ones) <= min(1e-6 * count, 0.01):
-        return ones
-    below = math.floor(fill_ratio * count)
-    raise InputError(
-        f"{fill_ratio:.9g} of {rows} x {columns} tiles is {fill_ratio * count:.9g} tiles; the nearest that "
-        f"can be had are {below / count:.9g} ({below} of them) and {(below + 1) / count:.9g} ({below + 1})",
-        field=_FIELD,
-    )
+    if ones < 0 or abs(fill_ratio * count - ones) > min(1e-6 * count, 0.01):
+        raise InputError(
+            f"{fill_ratio:.9g} of {rows} x {columns} tiles is no whole number of tiles from 0 to {count}",
+            field=_FIELD,
+        )
+    return ones
 
 
 def _shares(spec: str) -> tuple[float, ...]:
@@ -313,7 +252,7 @@ def _shares(spec: str) -> tuple[float, ...]:
 
 
 def _unknown(spec: str) -> InputError:
-    known = (*NAMES, f"{RANDOM}:0.48", *EXAMPLES)
+    known = (*NAMES, f"{RANDOM}:0.48", "patch:0.10")
     return InputError(
         f"{shown(spec)} is neither a floor nor a file{nearest(spec, known)}; 'vibroswarm floors list' names the floors",
         field=_FIELD,
@@ -321,14 +260,6 @@ def _unknown(spec: str) -> InputError:
 
 
 # Files
-
-
-def _is_file(spec: str) -> bool:
-    # An empty name is none, but ``Path("")`` is the working folder.
-    try:
-        return bool(spec) and Path(spec).exists()
-    except (OSError, ValueError):  # a name that is too long, or holds a NUL
-        return False
 
 
 def parts_of_file(spec: str) -> tuple[str, str]:
@@ -342,20 +273,3 @@ def beside(spec: str, folder: Path) -> str:
     prefix, path = parts_of_file(spec)
     file = folder / path
     return f"{prefix}{file}" if file.is_file() else spec
-
-
-def values_in(spec: str, size: Size | None = None) -> tuple[tuple[tuple[float, ...], ...], str] | None:
-    """Return the values of the tiles in a file, row by row, and its name; None if ``spec`` names no file of values.
-
-    Args:
-        spec: such as ``values:floors/mine.csv``, or a grey picture; ``values:3..12:floors/mine.csv`` says which numbers
-            are the values 0 and 1. size: rows and columns, as in ``io.read_values``.
-    Raises:
-        InputError: there is no such file, or it has no values.
-    """
-    match = _VALUES.fullmatch(spec)
-    if match is None:
-        return None
-    ends = float(match["low"] or 0.0), float(match["high"] or 1.0)
-    values = read_values(match["path"], size, ends)
-    return tuple(tuple(row) for row in values.round(6).tolist()), Path(match["path"]).name

@@ -1,4 +1,4 @@
-"""Floors that are more than kinds of tile, by name: patches of damage, and a value for each tile.
+"""Floors of patches of damage, by name; and contrasts between still and vibrating.
 
 | name | floor |
 |---|---|
@@ -8,9 +8,6 @@
 | ``patch:2*0.10+disc0.05`` | three patches, which do not overlap |
 | ``patch:0.05..0.2@0.5..1`` | side and contrast drawn uniformly for each run |
 | ``patch:none`` | no patch |
-| ``gradient:0.2..0.8`` | a value that rises from the left to the right; ``gradient:0.2..0.8@90`` upwards |
-| ``hill:0.3,0.6,0.2`` | exp(-d^2 / 2 r^2) about a place; x, y and r as shares of the floor's sides |
-| ``field:2`` | for each run a random field: values uniform in (0, 1), of correlation exp(-(d / 2 tiles)^2) before |
 
 | name | symbol | unit | equation |
 |---|---|---|---|
@@ -30,24 +27,17 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from vibroswarm.core.elementary import exp
 from vibroswarm.core.jit import inner
-from vibroswarm.core.rng import PATCH, Purpose, uniform, uniforms
+from vibroswarm.core.rng import PATCH, uniform
 from vibroswarm.errors import InputError, shown
 
 STEPS: Final = 200
 """Values and contrasts have this many steps from 0 to 1."""
-PATCHES, VALUES = "patch", ("gradient", "hill", "field")
-"""What names of such floors begin with, before a colon."""
-EXAMPLES: Final = ("patch:0.10", "gradient:0.2..0.8", "hill:0.3,0.6,0.2", "field:2")
-"""A name of each kind."""
 TRIES: Final = 1000
 """Places that are tried for a patch before it is refused."""
 
-Steps = NDArray[np.uint8]
-"""Values in steps, from 0 to ``STEPS``."""
 Numbers = Any
 """A number, or an array of numbers."""
 Box = tuple[float, float, float, float]
@@ -123,105 +113,9 @@ def mixed(
     return np.asarray((1.0 - contrast) * still + contrast * vibrating)
 
 
-class Surface(NamedTuple):
-    """What a floor has beside kinds of tile."""
-
-    values: Steps | None = None
-    """(rows, columns), of each tile; None: its kind says all."""
-    patches: tuple[Patch, ...] = ()
-    """They do not overlap, and lie on still tiles."""
-
-
-PLAIN: Final = Surface()
-"""A floor whose kinds of tile say all."""
-
-
-def kind_of_name(name: str) -> str:
-    """Return ``patch``, ``gradient``, ``hill`` or ``field`` if a name begins so, else an empty string."""
-    first, colon, _ = name.partition(":")
-    return first if colon and first in (PATCHES, *VALUES) else ""
-
-
-def rectangle(values: ArrayLike, most: float, field: str) -> NDArray[np.float64]:
-    """Return the numbers of a floor, (rows, columns).
-
-    Raises:
-        InputError: they are no rectangle of numbers from 0 to ``most``.
-    """
-    try:
-        grid = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        grid = np.empty(0)
-    if grid.ndim != 2 or grid.size == 0 or not ((grid >= 0.0) & (grid <= most)).all():
-        raise InputError(f"is not a rectangle of numbers from 0 to {most:g}, row by row", field=field)
-    return grid
-
-
-def steps_of(values: ArrayLike, field: str = "floor.values") -> Steps:
-    """Return values as steps.
-
-    Raises:
-        InputError: they are no rectangle of numbers from 0 to 1.
-    """
-    return np.rint(rectangle(values, 1.0, field) * STEPS).astype(np.uint8)
-
-
-def kinds_of(values: Steps) -> NDArray[np.uint8]:
-    """Return the kinds that stand for values where kinds are needed: 1 from 1/2 on."""
-    return (2 * values.astype(np.int64) >= STEPS).astype(np.uint8)
-
-
-def named_values(name: str, rows: int, columns: int, seed: int, run: int) -> Steps:
-    """Return the values of a floor by its name.
-
-    Raises:
-        InputError: the name is not one of these, or a number is out of range.
-    """
-    kind, _, text = name.partition(":")
-    # Places of tiles as shares of the sides, x from the left, y from below.
-    x = (np.arange(columns) + 0.5)[None, :] / columns
-    y = (np.arange(rows)[::-1] + 0.5)[:, None] / rows
-    try:
-        if kind == "gradient":
-            ends, _, angle = text.partition("@")
-            low, high = map(float, ends.split(".."))
-            turn = math.radians(float(angle or 0.0))
-            along = (x - 0.5) * math.cos(turn) + (y - 0.5) * math.sin(turn)
-            along = (
-                along / (abs(math.cos(turn)) + abs(math.sin(turn))) + 0.5
-            )  # 0 and 1 at the outermost corners
-            values = low + (high - low) * along
-        elif kind == "hill":
-            at_x, at_y, radius = map(float, text.split(","))
-            values = exp(-0.5 * ((x - at_x) ** 2 + (y - at_y) ** 2) / radius**2)
-        else:
-            values = random_field(rows, columns, float(text), seed, run)
-    except (ValueError, ZeroDivisionError):
-        raise InputError(
-            f"'{name}' is not a floor; give one like {', '.join(EXAMPLES)}", field=_FIELD
-        ) from None
-    return steps_of(values, _FIELD)
-
-
-def random_field(rows: int, columns: int, length: float, seed: int, run: int) -> NDArray[np.float64]:
-    """Return a random field with values uniform in (0, 1), (rows, columns).
-
-    It is Phi(g), with g normal and of correlation exp(-(d / length)^2) at a distance of d tiles. Tiles are too coarse
-    for lengths below 1.5 tiles: the correlation is lower, of neighbours 0.26 at a length of 1, in place of 0.37.
-
-    Args:
-        length: correlation length, tiles.
-    """
-    from scipy.special import ndtr, ndtri
-
-    # White noise, smoothed by a normal kernel of standard deviation length / 2 along each axis.
-    reach = math.ceil(2.0 * length)  # 4 standard deviations
-    kernel = exp(-2.0 * (np.arange(-reach, reach + 1) / length) ** 2)
-    kernel /= math.sqrt(float((kernel * kernel).sum()))  # so that g has variance 1
-    shape = rows + 2 * reach, columns + 2 * reach
-    noise = ndtri(uniforms(seed, run, 0, Purpose.PATCH, shape[0] * shape[1])).reshape(shape)
-    smooth = sum(weight * noise[i : i + rows] for i, weight in enumerate(kernel))
-    return np.asarray(ndtr(sum(weight * smooth[:, i : i + columns] for i, weight in enumerate(kernel))))
+def is_patches(name: str) -> bool:
+    """Return whether a name is that of a floor of patches."""
+    return name.startswith("patch:")
 
 
 def named_patches(name: str, box_m: Box, seed: int, run: int, *, draw: int = 0) -> tuple[Patch, ...]:
@@ -239,49 +133,33 @@ def named_patches(name: str, box_m: Box, seed: int, run: int, *, draw: int = 0) 
         match = _PATCH.fullmatch(part)
         if match is None:
             raise InputError(
-                f"{shown(part)} of '{name}' is not a patch; give for example patch:0.10, patch:disc0.10, "
-                "patch:0.3x0.02, patch:0.10@0.5, patch:2*0.10 or patch:none",
+                f"{shown(part)} of '{name}' is not a patch; give one like patch:0.10, patch:disc0.10 or patch:0.3x0.02",
                 field=_FIELD,
             )
-        _check_sizes(match, name, box_m)
         for _ in range(int(match["number"] or 1)):
-            patches.append(_placed(match, name, patches, box_m, seed, run, draw))
+            patches.append(_placed(match, name, patches, box_m, seed, run, draw * (TRIES + 1)))
     return tuple(patches)
 
 
-def _ends(text: str) -> tuple[float, float]:
-    low, _, high = text.partition("..")
-    return float(low), float(high or low)
-
-
-def _check_sizes(match: re.Match[str], name: str, box_m: Box) -> None:
-    """Check that every patch that may be drawn has a size, fits the floor, and has a valid contrast."""
-    widths = _ends(match["diameter"] or match["width"])
-    heights = _ends(match["height"]) if match["height"] else widths
-    left, bottom, right, top = box_m
-    fits = min(*widths, *heights) > 0.0 and max(widths) <= right - left and max(heights) <= top - bottom
-    if not fits or max(_ends(match["contrast"] or "1")) > 1.0:
-        raise InputError(
-            f"a patch of '{name}' is not within the floor of {right - left:.4g} m x {top - bottom:.4g} m, or has no "
-            "contrast from 0 to 1",
-            field=_FIELD,
-        )
-
-
 def _placed(
-    match: re.Match[str], name: str, others: Sequence[Patch], box_m: Box, seed: int, run: int, draw: int
+    match: re.Match[str], name: str, others: Sequence[Patch], box_m: Box, seed: int, run: int, first: int
 ) -> Patch:
     """Return a patch at the first random place at which it overlaps none of the ``others``."""
-    k, first = len(others), draw * (TRIES + 1)
+    k = len(others)
+    left, bottom, right, top = box_m
 
-    def drawn(text: str, peer: int) -> float:
-        low, high = _ends(text)
+    def drawn(text: str, peer: int, most: float) -> float:
+        low, high = float(text.partition("..")[0]), float(text.rpartition("..")[2])
+        if max(low, high) > most or (min(low, high) == 0.0 and peer != _OF_CONTRAST):
+            raise InputError(f"{text} in '{name}' is not within the floor, {most:.4g}", field=_FIELD)
         return low + (high - low) * uniform(seed, run, k, PATCH, first, peer)
 
-    width = drawn(match["diameter"] or match["width"], _OF_WIDTH)
-    height = drawn(match["height"], _OF_HEIGHT) if match["height"] else width
-    contrast = round(drawn(match["contrast"] or "1", _OF_CONTRAST) * STEPS) / STEPS
-    left, bottom, right, top = box_m
+    wide, high = right - left, top - bottom
+    width = drawn(
+        match["diameter"] or match["width"], _OF_WIDTH, wide if match["height"] else min(wide, high)
+    )
+    height = drawn(match["height"], _OF_HEIGHT, high) if match["height"] else width
+    contrast = round(drawn(match["contrast"] or "1", _OF_CONTRAST, 1.0) * STEPS) / STEPS
     for attempt in range(1, TRIES + 1):
         x = place_within(uniform(seed, run, k, PATCH, first + attempt, _OF_X), width, left, right)
         y = place_within(uniform(seed, run, k, PATCH, first + attempt, _OF_Y), height, bottom, top)

@@ -15,19 +15,17 @@ from vibroswarm.core.jit import kernel, read_only, signed
 from vibroswarm.inference.replay_arrays import Readings, Rows, Stops
 from vibroswarm.inference.replayer import NO_VALUES, Replayer
 from vibroswarm.inference.sender_positions import NO_TRACKS, tracks_of_rows
-from vibroswarm.localisation.locate import is_estimated
-from vibroswarm.localisation.online import OnlineLocalisation
-from vibroswarm.observation.energy_model import is_sensed, readings_of, weighed
+from vibroswarm.localisation.locate import PlaceFilters, is_estimated
+from vibroswarm.observation.energy_model import is_sensed, weighed
 from vibroswarm.observation.observe import (
     Ground,
     SensedFloor,
-    energies_at,
+    energies_read,
     read,
+    readings_at,
     reads_energies,
-    values_at,
 )
 from vibroswarm.robot.pose_mixture import ESTIMATE
-from vibroswarm.scenario.fault_draws import apply_faults
 from vibroswarm.scenario.scenario import Scenario
 
 
@@ -107,7 +105,7 @@ class ClosedLoop:
         """
         robots, capacity = scenario.swarm.robots, max_samples(scenario)
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
-        self.localisation = OnlineLocalisation(scenario, seed) if is_estimated(scenario) else None
+        self.localisation = PlaceFilters(scenario, seed) if is_estimated(scenario) else None
         self.is_sensed, self.is_weighed = is_sensed(scenario.sensor), reads_energies(scenario)
         self.replayer = Replayer(scenario, self.seed, runs=1, longest=capacity, rows=capacity)
         # needs_moves: whether network or localisation read the moves, so that ``add_moves`` must be called before
@@ -191,22 +189,11 @@ class ClosedLoop:
         sensor, observation = self.scenario.sensor, self.buffer.readings.observation[new]
         robot, sample, time_s = self.rows.robot[new], self.rows.sample[new], self.rows.time_s[new]
         address = (self.seed, self.run, robot, sample, self.readings.x_m[new], self.readings.y_m[new], time_s)
+        readings = readings_at(self.scenario, ground, *address)
         if self.is_sensed:
-            observation[:] = readings_of(sensor, values_at(sensor, ground.tiles, ground.place, *address))
-            first = np.zeros(observation.size, dtype=np.int64)  # ``ground`` holds a single run
-            apply_faults(
-                ground.faults,
-                first,
-                robot,
-                sample,
-                time_s,
-                sensor.readings,
-                self.seed,
-                self.rows.runs,
-                observation,
-            )
+            observation[:] = readings.observation
         if self.is_weighed:
-            energy = energies_at(self.scenario, ground, *address)
+            energy = energies_read(self.scenario, readings)
             self.buffer.readings.weighed[new] = weighed(sensor, observation, energy, ground.place)
 
     def catch_up(self, known_tick: int, stop_tick: NDArray[np.int64]) -> None:

@@ -113,9 +113,7 @@ class Timeline:
         key = estimates_key(scenario, seed)
         if key not in self._estimates:
             self._estimates[key] = read_only(
-                estimate(
-                    scenario, seed, self.samples, self.stop_start_s, self.rows.time_s, self.moves, self.ends
-                )
+                estimate(scenario, seed, self.samples, self.stop_start_s, self.rows.time_s, self.moves)
             )
         return self._estimates[key]
 

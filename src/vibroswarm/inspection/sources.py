@@ -222,7 +222,7 @@ def _check_classes(law: Law, value: Floats) -> None:
 def _vibrating(floor: Floor) -> Floor:
     """Return a floor whose tiles are of kind 1 where they vibrate, whatever their motor."""
     changes = floor.changes._replace(kind=np.minimum(floor.changes.kind, 1))
-    return replace(floor, tiles=np.minimum(floor.tiles, 1), changes=changes)
+    return replace(floor, levels=np.minimum(floor.tiles, 1), changes=changes)
 
 
 LENGTHS: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}

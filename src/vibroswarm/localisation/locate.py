@@ -26,7 +26,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import inner, kernel, read_only
+from vibroswarm.core.jit import kernel, read_only, zero_rows
 from vibroswarm.core.rng import (
     ALONE,
     FIRST,
@@ -38,8 +38,9 @@ from vibroswarm.core.rng import (
     uniform,
 )
 from vibroswarm.errors import InputError
-from vibroswarm.localisation.odometry import measure_moves
-from vibroswarm.motion.motion_tables import Motion
+from vibroswarm.localisation.odometry import OwnMoves, measure, noticed, odometer_of
+from vibroswarm.motion.geometry import wrapped_rad
+from vibroswarm.motion.motion_tables import MOVE_ROW, Motion, joined
 from vibroswarm.robot.localisation import drive, obstacle, sampled, turn
 from vibroswarm.robot.pose_mixture import ESTIMATE, LocalisationProgram, Mixture, begin, empty_mixture
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP
@@ -72,16 +73,15 @@ def locate(scenario: Scenario, seed: int, motion: Motion) -> pl.DataFrame:
     """Return the table of where each robot believes it is at each sample (``PLACES``).
 
     Args:
-        seed: seed of the runs. motion: tables of samples, moves and ends; the rows of the result are in the order of
-            its samples.
+        seed: seed of the runs. motion: tables of samples and moves; the rows of the result are in the order of its
+            samples.
 
     Raises:
         InputError: the motion has no table of moves.
     """
     samples = motion.samples
     stop_start_s, time_s = (samples[name].to_numpy() for name in ("stop_start_s", "time_s"))
-    estimates = estimate(scenario, seed, samples, stop_start_s, time_s, motion.moves, motion.ends)
-    return place_frame(samples, estimates)
+    return place_frame(samples, estimate(scenario, seed, samples, stop_start_s, time_s, motion.moves))
 
 
 def place_frame(samples: pl.DataFrame, estimates: NDArray[np.float64]) -> pl.DataFrame:
@@ -116,14 +116,13 @@ def estimate(
     stop_start_s: NDArray[np.float64],
     time_s: NDArray[np.float64],
     moves: pl.DataFrame | None,
-    ends: pl.DataFrame,
 ) -> NDArray[np.float64]:
     """Return the estimates of all robots at all samples.
 
     Args:
         samples: table with run and robot of each sample; each robot's samples are in order of time.
-        stop_start_s, time_s: (samples,): when the robot stopped for the sample, and when it took it. moves, ends:
-            tables of the motion; ``moves`` is sorted by run and start.
+        stop_start_s, time_s: (samples,): when the robot stopped for the sample, and when it took it. moves: table of
+            the motion, sorted by run and start.
     Returns: (samples, 9): the columns of ``ESTIMATE``; the number of the lagged sample is -1 where there is none. A
         robot's rows are nan from the first sample on whose stop is not among the moves.
     Raises:
@@ -135,63 +134,129 @@ def estimate(
             "simulate with moves, or set it to 'true' (true places: an upper bound)",
             field="localisation.method",
         )
-    robots = scenario.swarm.robots
-    odometer = measure_moves(scenario, seed, moves, ends)
-    # Each robot's first move begins at its pose at time 0.
-    starts = moves.group_by("run", "robot", maintain_order=True).first().sort("run", "robot")
+    robots, filters = scenario.swarm.robots, PlaceFilters(scenario, seed)
     out = np.full((samples.height, len(ESTIMATE)), np.nan)
-    # Agent of each sample (``whose``), of each row of the odometer (``moved``), and all agents in order.
-    whose = samples["run"].to_numpy().astype(np.int64) * robots + samples["robot"].to_numpy()
-    rows = np.argsort(whose, kind="stable")  # samples by agent and, for each agent, in order of time
-    moved = odometer["run"].to_numpy().astype(np.int64) * robots + odometer["robot"].to_numpy()
-    agents = starts["run"].to_numpy().astype(np.int64) * robots + starts["robot"].to_numpy()
-    kind = odometer["kind"].to_physical().to_numpy().astype(np.int64)  # indices into walk.KINDS
-    # The last arguments of ``locate_robots``, in its order.
-    columns = [kind, *(odometer[name].to_numpy() for name in ("start_s", "duration_s", "gyro_rad", "ray_m"))]
-    columns += [rows, stop_start_s, time_s]
-    poses = starts.select("x_m", "y_m", "heading_rad").to_numpy(order="c")
-    sampled_s = np.zeros(agents.size)
-    # Columns of bounds: first and end of the agent's moves in the odometer, first and end of its samples in ``rows``.
-    # The agents are sorted in both, so each range begins where the agent and ends where agent + 1 would be inserted.
-    bounds = np.stack(
-        [np.searchsorted(of, agents + after) for of in (moved, whose[rows]) for after in (0, 1)], axis=1
+    whose, moved = (
+        table["run"].to_numpy().astype(np.int64) * robots + table["robot"].to_numpy()
+        for table in (samples, moves)
     )
-    memory, program, forward_m = empty_memory(scenario), program_of(scenario), ray_forward_m(scenario)
-    # Robots whose rays begin equally far ahead have the same program, so they are one call. of: indices of their agents
-    # in ``agents``.
-    for each_m in np.unique(forward_m):
-        of = np.flatnonzero(forward_m[agents % robots] == each_m)
-        locate_robots(
-            memory,
-            program._replace(ray_forward_m=float(each_m)),
-            seed,
-            robots,
-            read_only(agents[of]),
-            read_only(poses[of]),
-            read_only(bounds[of]),
-            True,  # from the start of each agent
-            sampled_s[: of.size],  # overwritten from the start of each agent, and not used here
-            scenario.tick_s,
-            out,
-            *(read_only(column) for column in columns),
-        )
+    # samples and moves by agent and, for each agent, in order of time
+    rows, order = np.argsort(whose, kind="stable"), np.argsort(moved, kind="stable")
+    kind = moves["kind"].to_physical().to_numpy().astype(np.int64)[order]  # indices into walk.KINDS
+    start_s, turned_rad, ray_m = (
+        moves[name].to_numpy()[order] for name in ("start_s", "turned_rad", "ray_m")
+    )
+    poses = moves.select("x_m", "y_m", "heading_rad").to_numpy()[order]
+    times = read_only(stop_start_s), read_only(time_s)
+    agents = np.unique(moved)
+    ends = [np.searchsorted(of, (agents, agents + 1)).T for of in (moved[order], whose[rows])]
+    for agent, (first, end), of in zip(agents.tolist(), *(each.tolist() for each in ends), strict=True):
+        if agent // robots != filters.run:
+            filters.begin(agent // robots)
+        a, own = slice(first, end), rows[slice(*of)]
+        found = noticed(kind[a], start_s[a], turned_rad[a], ray_m[a])
+        filters.follow(agent % robots, found, poses[first], own, *times, out)
     return out
 
 
-def empty_memory(scenario: Scenario) -> Mixture:
-    """Allocate the memory of one robot's filter."""
-    # The methods other than "mixture" have a single Gaussian.
-    components = scenario.localisation.components if scenario.place_method == "mixture" else 1
-    return empty_mixture(components, scenario.localisation.lag)
+class PlaceFilters:
+    """The localisation filters of a swarm's robots, each continued at the robot's next sample.
 
-
-def ray_forward_m(scenario: Scenario) -> NDArray[np.float64]:
-    """Return how far ahead of its centre each robot's rays begin, m, (robots,).
-
-    They are the entries of ``rays.forward_each_m``, repeated if there are fewer than robots, cut if there are more.
-    Without that list, each is ``rays.forward_m``.
+    Call ``begin`` for each run; then ``follow``, or ``add_moves`` and ``locate`` as the run advances.
     """
-    return np.resize(np.array(scenario.rays.forward_each_m or scenario.rays.forward_m), scenario.swarm.robots)
+
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        """Allocate the filters' memory.
+
+        Args:
+            seed: seed of the runs.
+        """
+        self.scenario, self.seed, self.robots, self.run = scenario, seed, scenario.swarm.robots, -1
+        # The methods other than "mixture" have a single Gaussian.
+        components = scenario.localisation.components if scenario.place_method == "mixture" else 1
+        self.memory = [empty_mixture(components, scenario.localisation.lag) for _ in range(self.robots)]
+        # The entries of ``rays.forward_each_m`` are repeated if there are fewer than robots, cut if there are more.
+        forward_m = np.resize(scenario.rays.forward_each_m or scenario.rays.forward_m, self.robots)
+        program, self.odometer = program_of(scenario), odometer_of(scenario)
+        self.programs = [program._replace(ray_forward_m=float(each_m)) for each_m in forward_m]
+
+    def begin(self, run: int) -> None:
+        """Set the state to the start of a run.
+
+        State: ``known``, (robots, 4), of ``measure``, and the time of the robot's last sample; ``stop_tick``, tick at
+        which it stopped for its last sample, -1 before; ``given``, arrays of moves (``MOVE_ROW``) that were added, and
+        that the filters have not read yet.
+        """
+        self.run, self.given = run, [zero_rows(0, MOVE_ROW)]
+        self.known, self.stop_tick = np.zeros((self.robots, 4)), [-1] * self.robots
+
+    def add_moves(self, rows: NDArray[np.void]) -> None:
+        """Append moves (``MOVE_ROW``), which are copied.
+
+        A move may be added again when more of it is known: the row that was added last then replaces earlier rows of
+        the same robot and start tick.
+        """
+        self.given.append(rows.copy())
+
+    def locate(
+        self,
+        robot: NDArray[np.uint16],
+        stop_tick: NDArray[np.int64],
+        time_s: NDArray[np.float64],
+        out: NDArray[np.float64],
+    ) -> None:
+        """Write the estimates at new samples.
+
+        Args:
+            robot, stop_tick, time_s: (samples,), in order of time: the robot, the tick at which it stopped, the time of
+                the sample. All moves up to and including that stop must have been added.
+            out: (samples, 9), overwritten: the columns of ``pose_mixture.ESTIMATE``.
+        """
+        moves, tick_ms = joined(self.given), self.scenario.run.control_period_ms
+        times = read_only(stop_tick * tick_ms / 1000.0), read_only(time_s)
+        later = np.ones(moves.size, dtype=np.bool_)  # moves to save for later calls
+        for i in np.unique(robot).tolist():
+            # The filter reads the moves after the robot's previous stop, up to the stop of its last new sample.
+            of, mine = np.flatnonzero(robot == i), np.flatnonzero(moves["robot"] == i)
+            last, tick = int(stop_tick[of[-1]]), moves["tick"][mine]
+            later[mine[tick <= last]] = False
+            new = mine[(tick > self.stop_tick[i]) & (tick <= last)]
+            new = new[np.argsort(moves["tick"][new], kind="stable")]
+            tick = moves["tick"][new]
+            # Of several rows of one move, use the row that was added last, which is last in the stable order too.
+            rows = moves[new[np.append(tick[1:] != tick[:-1], True)]]
+            own = (rows[name].copy() for name in ("turned_rad", "ray_m"))
+            found = noticed(rows["kind"].astype(np.int64), rows["tick"] * tick_ms / 1000.0, *own)
+            # The heading is wrapped as in the table of moves.
+            pose = rows["x_m"][0], rows["y_m"][0], wrapped_rad(float(rows["heading_rad"][0]))
+            self.follow(i, found, np.array(pose), of, *times, out)
+            self.stop_tick[i] = last
+        self.given = [moves[later]]
+
+    def follow(
+        self,
+        i: int,
+        moves: OwnMoves,
+        pose: NDArray[np.float64],
+        rows: NDArray[np.int64],
+        stop_s: NDArray[np.float64],
+        time_s: NDArray[np.float64],
+        out: NDArray[np.float64],
+    ) -> None:
+        """Continue the filter of robot ``i`` over new moves, and write its estimates at its new samples.
+
+        Args:
+            moves: changed. pose: true pose at the first of these moves; of the robot's first, that at time 0.
+            rows: indices of the robot's new samples in ``stop_s``, ``time_s`` and ``out``. stop_s, time_s: (samples,):
+                when the robot stopped for each sample, and when it took it. out: (samples, 9): estimates, written.
+        """
+        memory, program, known, run = self.memory[i], self.programs[i], self.known[i], self.run
+        if known[2] == 0.0:
+            begin_robot(memory, program, self.seed, run, i, pose)
+        measure(self.odometer, moves, known, self.seed, run, i)
+        follow_moves(
+            memory, program, moves, known, self.scenario.tick_s, read_only(rows), stop_s, time_s, out
+        )
 
 
 @lru_cache(maxsize=32)
@@ -219,8 +284,7 @@ def speed_law(robot: Robot) -> tuple[float, float]:
 def program_of(scenario: Scenario) -> LocalisationProgram:
     """Return what the filters of all robots assume about robot and arena.
 
-    Only ``ray_forward_m`` may differ between robots (``ray_forward_m`` of this module); here it is the scenario's
-    common value.
+    Only ``ray_forward_m`` may differ between robots; here it is the scenario's common value.
     """
     # told: the scenario's settings of what the robots assume
     robot, rays, told = scenario.robot, scenario.rays, scenario.localisation
@@ -270,93 +334,60 @@ def program_of(scenario: Scenario) -> LocalisationProgram:
 
 
 @kernel
-def locate_robots(
+def follow_moves(
     f: Mixture,
     program: LocalisationProgram,
-    seed: int,
-    robots: int,
-    agents: NDArray[np.int64],
-    starts: NDArray[np.float64],
-    bounds: NDArray[np.int64],
-    from_start: bool,
-    sampled_s: NDArray[np.float64],
+    moves: OwnMoves,
+    known: NDArray[np.float64],
     tick_s: float,
-    out: NDArray[np.float64],
-    kind: NDArray[np.int64],
-    start_s: NDArray[np.float64],
-    duration_s: NDArray[np.float64],
-    gyro_rad: NDArray[np.float64],
-    ray_m: NDArray[np.float64],
     rows: NDArray[np.int64],
     stop_start_s: NDArray[np.float64],
     time_s: NDArray[np.float64],
+    out: NDArray[np.float64],
 ) -> None:
-    """Run the filter of each agent over its moves, one agent after the other, and write its estimates at samples.
+    """Run a robot's filter over its moves, and write its estimates at samples.
 
     Args:
-        f: memory of one robot's filter, reused for each agent, changed. program: what the
-            filters of all these agents assume. seed: seed of the runs. robots: number of robots of the swarm.
-        agents: (agents,): run * robots + robot of each agent. starts: (agents, 3): true poses at time 0: x, y, heading.
-        bounds: (agents, 4): first and end of each agent's moves, and first and end of its samples in ``rows``.
-        from_start: whether the filters begin at ``starts``. If false, there is a single agent; ``f`` is its
-            memory as an earlier call left it, after a stop, and are continued.
-        sampled_s: (agents,): time of each agent's last sample so far, changed. tick_s: control period.
-        out: (samples, 9), written: estimates (``estimate``).
-        kind, start_s, duration_s, gyro_rad, ray_m: (moves,): columns of ``odometry.ODOMETER``, in which ``kind`` is an
-            index into ``walk.KINDS`` and ``ray_m`` is nan where no avoidance began.
-        rows: indices of samples, agent by agent, in order of time. Each sample's stop must be among its agent's moves:
-            from the first sample on whose stop is missing, the agent's rows of ``out`` are not written.
+        f: memory of the filter, changed. program: what it assumes. moves: as measured. known: its entry 3 is the time
+            of the robot's last sample so far, changed. tick_s: control period.
+        rows: indices of samples, in order of time. Each sample's stop must be among the moves: from the first sample on
+            whose stop is missing, the rows of ``out`` are not written.
         stop_start_s, time_s: (samples,): when the robot stopped for the sample, and when it took it.
+        out: (samples, 9), written: estimates (``estimate``).
     """
-    for e in range(agents.size):
-        run, i = agents[e] // robots, agents[e] % robots
-        first, end, k, last = bounds[e]
-        if from_start:
-            begin_robot(f, program, seed, run, i, starts[e, 0], starts[e, 1], starts[e, 2])
-            sampled_s[e] = 0.0
-        for m in range(first, end):
-            if kind[m] == DRIVE:
-                at_obstacle = m + 1 < end and kind[m + 1] == AVOID
-                drive(f, program, duration_s[m], gyro_rad[m], sampled_s[e], at_obstacle)
-            elif kind[m] != STOP:  # a turn or an avoidance
-                if not math.isnan(ray_m[m]):
-                    # A drive of a single tick before the avoidance does not count: the robot has hardly moved in it.
-                    after_drive = m > first and kind[m - 1] == DRIVE and duration_s[m - 1] > 1.5 * tick_s
-                    obstacle(f, program, ray_m[m], after_drive)
-                turn(f, program, duration_s[m], gyro_rad[m])
-            # A stop. It belongs to the next sample if it began at the time that the sample states; robots also stop for
-            # other reasons, and at the end.
-            elif k < last and abs(stop_start_s[rows[k]] - start_s[m]) < 0.5 * tick_s:
-                sampled(f, program, out[rows[k]])
-                sampled_s[e] = time_s[rows[k]]
-                k += 1
+    kind, start_s, duration_s, gyro_rad, ray_m = moves
+    k = 0
+    for m in range(kind.size):
+        if kind[m] == DRIVE:
+            at_obstacle = m + 1 < kind.size and kind[m + 1] == AVOID
+            drive(f, program, duration_s[m], gyro_rad[m], known[3], at_obstacle)
+        elif kind[m] != STOP:  # a turn or an avoidance
+            if not math.isnan(ray_m[m]):
+                # A drive of a single tick before the avoidance does not count: the robot has hardly moved in it.
+                after_drive = m > 0 and kind[m - 1] == DRIVE and duration_s[m - 1] > 1.5 * tick_s
+                obstacle(f, program, ray_m[m], after_drive)
+            turn(f, program, duration_s[m], gyro_rad[m])
+        # A stop. It belongs to the next sample if it began at the time that the sample states; robots also stop for
+        # other reasons, and at the end.
+        elif k < rows.size and abs(stop_start_s[rows[k]] - start_s[m]) < 0.5 * tick_s:
+            sampled(f, program, out[rows[k]])
+            known[3] = time_s[rows[k]]
+            k += 1
 
 
-@inner
+@kernel
 def begin_robot(
-    f: Mixture,
-    program: LocalisationProgram,
-    seed: int,
-    run: int,
-    i: int,
-    x_m: float,
-    y_m: float,
-    heading_rad: float,
+    f: Mixture, program: LocalisationProgram, seed: int, run: int, i: int, pose: NDArray[np.float64]
 ) -> None:
     """Start the filter of robot ``i`` at the pose at which the robot assumes that it starts.
 
-    That pose is its true pose at time 0 (``x_m``, ``y_m``, ``heading_rad``) plus normal errors.
+    That pose is its true pose at time 0 (x, y, heading) plus normal errors.
     """
-    x_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_X)
-    y_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_Y)
-    heading_rad += program.start_heading_spread_rad * normal(
+    x_m = pose[0] + program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_X)
+    y_m = pose[1] + program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_Y)
+    heading_rad = pose[2] + program.start_heading_spread_rad * normal(
         seed, run, i, LOCALISATION, FIRST, OF_TOLD_HEADING
     )
-    begin(f, program, random_word(seed, run, i), x_m, y_m, heading_rad)
-
-
-@inner
-def random_word(seed: int, run: int, i: int) -> int:
-    """Return the first state of the random number generator of robot ``i``, from 1 to 2^32 - 1."""
-    # The generator needs a state other than 0; the limit is for uniform numbers that round to 1.
-    return min(1 + int(uniform(seed, run, i, LOCALISATION, FIRST, ALONE) * 4294967295.0), 4294967295)
+    # The state of the robot's random numbers is other than 0; the limit is for uniform numbers that round to 1.
+    u = uniform(seed, run, i, LOCALISATION, FIRST, ALONE)
+    begin(f, program, min(1 + int(u * 4294967295.0), 4294967295), x_m, y_m, heading_rad)

@@ -30,9 +30,8 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import allocating_kernel, inner, kernel
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, Place, place_at, place_of
-from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.observation.edge_response import FAR, share_past, tiles_around, vibration_probability
-from vibroswarm.observation.energy_model import claimed_error_rates, error_rates, mean_shares_below, rates
+from vibroswarm.observation.energy_model import claimed_error_rates, error_rates, rates
 from vibroswarm.scenario.fields import Arena, FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario
 
@@ -101,7 +100,7 @@ def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
     Args:
         size: width and height of the arena, m.
     """
-    if max(sensor.kinds, sensor.readings) > 2 or floor.surface is not PLAIN:
+    if max(sensor.kinds, sensor.readings) > 2 or floor.has_contrasts or floor.patches:
         return float(expected_classes_on(sensor, floor, size)[1])
     return _ones(sensor, place_of(floor), sensed_shares_on(sensor, floor, size))
 
@@ -112,16 +111,11 @@ def expected_classes_on(sensor: Sensor, floor: Floor, size: Size) -> NDArray[np.
     Args:
         size: width and height of the arena, m, with this floor.
     """
-    tiled = tiled_share(floor.geometry, size)
-    if floor.surface is not PLAIN:
-        contrasts, area = floor.contrast_shares(*size)
-        levels, level = np.unique(contrasts, return_inverse=True)
-        below = mean_shares_below(sensor, levels)[sensor.kinds :, 0]  # of two classes
-        ones = tiled * (area * (1.0 - below)[level]).sum() + (1.0 - tiled) * rates(sensor)[0, 1]
-        return np.array([1.0 - ones, ones])
-    shares = np.array([floor.share_within(kind, *size) for kind in range(sensor.kinds)])
-    by_kind = rates(sensor, place_of(floor))
-    return np.asarray(tiled * (shares[:, None] * by_kind).sum(axis=0) + (1.0 - tiled) * by_kind[0])
+    tiled, (levels, share) = tiled_share(floor.geometry, size), floor.level_shares(*size)
+    known, level = np.unique(levels, return_inverse=True)
+    by_level = rates(sensor, place_of(floor), known)
+    # ``level_shares`` has still tiles first
+    return np.asarray(tiled * (share[:, None] * by_level[level]).sum(axis=0) + (1.0 - tiled) * by_level[0])
 
 
 def sensed_shares_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID) -> SensedShares:
@@ -130,18 +124,7 @@ def sensed_shares_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID)
     Args:
         size: width and height of the arena, m. grid: number of points along a tile's side, as ``GRID``.
     """
-    rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
-    tiled = tiled_share(floor.geometry, size)
-    fill = floor.fill_ratio_within(*size)
-    if not _edges(sensor):
-        return SensedShares(vibrating=tiled * fill, detected=tiled * fill, spillover=0.0)
-    reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
-    within_m = abs(reach_m) + FAR * blur_m
-    # One floor has no symmetry, so all lanes need points of their own.
-    x = _points(columns, width_m, left_m, size[0], within_m, grid, every=True)
-    y = _points(rows, height_m, bottom_m, size[1], within_m, grid, every=True)
-    detected, spillover = _sensed_areas(*x, *y, place_of(floor), floor.tiles.ravel(), reach_m, blur_m)
-    return SensedShares(tiled * fill, detected / (size[0] * size[1]), spillover / (size[0] * size[1]))
+    return _sensed_shares(sensor, floor.geometry, size, floor.fill_ratio_within(*size), grid, floor.tiles)
 
 
 @lru_cache(maxsize=256)
@@ -158,28 +141,38 @@ def mean_sensed_shares(
     Raises:
         InputError: edges reach over too many tiles.
     """
+    return _sensed_shares(sensor, geometry, size, fill_ratio, grid, None)
+
+
+def _sensed_shares(
+    sensor: Sensor, geometry: Geometry, size: Size, fill: float, grid: int, tiles: NDArray[np.uint8] | None
+) -> SensedShares:
+    """Return the shares of an arena's area on one floor, or without ``tiles`` their mean over random floors."""
     rows, columns, width_m, height_m, left_m, bottom_m = geometry
-    vibrating = tiled_share(geometry, size) * fill_ratio
-    if not _edges(sensor):
+    vibrating = tiled_share(geometry, size) * fill
+    if sensor.edge_reach_m is None and sensor.edge_blur_m is None:
         return SensedShares(vibrating, detected=vibrating, spillover=0.0)
     reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
     within_m = abs(reach_m) + FAR * blur_m
     # Upper limit on the number of tiles that a square of side 2 within_m touches. The tiles within ``within_m`` of the
     # square's middle are among them.
     neighbours = (2 * within_m / width_m + 2) * (2 * within_m / height_m + 2)
-    if min(neighbours, rows * columns) > MAX_NEIGHBOURS:
+    if tiles is None and min(neighbours, rows * columns) > MAX_NEIGHBOURS:
         raise InputError(
             f'{within_m:g} m is too far for decision.boundary_of = "tiles" on tiles of {width_m:g} m x {height_m:g} m; '
             "give decision.assumed_false_positive and assumed_false_negative",
             field="sensor.edge_reach_m",
         )
-    x = _points(columns, width_m, left_m, size[0], within_m, grid)
-    y = _points(rows, height_m, bottom_m, size[1], within_m, grid)
-    place = Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
-    detected, spillover = _mean_sensed_areas(
-        *x, *y, place, fill_ratio * rows * columns, reach_m, blur_m, within_m
-    )
-    return SensedShares(vibrating, detected / (size[0] * size[1]), spillover / (size[0] * size[1]))
+    # One floor has no symmetry, so all lanes need points of their own.
+    x = _points(columns, width_m, left_m, size[0], within_m, grid, every=tiles is not None)
+    y = _points(rows, height_m, bottom_m, size[1], within_m, grid, every=tiles is not None)
+    if tiles is None:
+        areas = _mean_sensed_areas(
+            *x, *y, place_at(geometry), fill * rows * columns, reach_m, blur_m, within_m
+        )
+    else:
+        areas = _sensed_areas(*x, *y, place_at(geometry), tiles.ravel(), reach_m, blur_m)
+    return SensedShares(vibrating, *(area / (size[0] * size[1]) for area in areas))
 
 
 def tiled_share(geometry: Geometry, size: Size) -> float:
@@ -254,11 +247,6 @@ def grid_of(scenario: Scenario) -> Place:
 def _geometry(floor: FloorField, arena: Arena) -> Geometry:
     """Return the geometry of the floor of seed 0 and run 0, which that of all runs equals."""
     return floor.placed_in(arena, 0, 0).geometry
-
-
-def _edges(sensor: Sensor) -> bool:
-    """Return whether samples near edges may sense another tile than the one below."""
-    return sensor.edge_reach_m is not None or sensor.edge_blur_m is not None
 
 
 Points = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]

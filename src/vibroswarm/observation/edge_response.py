@@ -17,18 +17,18 @@ In the functions a sample's place is (``x_m``, ``y_m``), ``place`` is the positi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.core.elementary import exp
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.core.rng import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
 from vibroswarm.floors.floor import Floor, Place
-from vibroswarm.floors.surfaces import STEPS, edge_distance
+from vibroswarm.floors.surfaces import edge_distance
 from vibroswarm.observation.energy_model import factors_differ, model_of, shares_below
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
@@ -36,11 +36,6 @@ from vibroswarm.sensors import SensorModel
 
 FAR = 6.0
 """An edge is taken not to be sensed from farther than its reach plus FAR blurs: one sample in 10^9 would sense it."""
-CLEAR: Final = 2.4
-"""Distance from an edge, in blurs, beyond which most samples sense the nearer side."""
-CLEAR_SHARE: Final = 0.0083
-"""At more than CLEAR blurs from the place where half of the samples sense vibration, at most CLEAR_SHARE of the samples
-sense the farther side: Phi(-2.4) = 0.0082."""
 
 
 class Response(NamedTuple):
@@ -54,23 +49,18 @@ class Response(NamedTuple):
     """Standard deviation of the transition at an edge, m."""
     robots_differ: bool
     """Whether each robot has rows of its own in ``factors`` and ``shares_below``; if not, all use the same rows."""
-    first: NDArray[np.int64]
-    """(runs,): index of each run's first row in ``factors``."""
-    per_robot: NDArray[np.int64]
-    """(runs,): number of rows of each robot: one for places on no tile and then one for each tile; a single row if
-    tiles do not differ."""
+    per_robot: int
+    """Number of rows of each robot: one for places on no tile and then one for each tile; a single row if tiles do not
+    differ."""
     factors: NDArray[np.float64]
     """(rows,): factors of the energy."""
     shares_below: NDArray[np.float64]
-    """(rows, kinds, classes - 1): share of samples on each kind of tile that read as each class or a lower one, with
-    values multiplied by the row's factor; for two kinds and classes F(theta_E) on still and on vibrating tiles. Places
-    between still and vibrating are further kinds."""
-    contrasts: NDArray[np.float64]
-    """Contrast of each of these further kinds."""
+    """(rows, levels, classes - 1): share of samples at each level that read as each class or a lower one, with values
+    multiplied by the row's factor; for two kinds and classes F(theta_E) on still and on vibrating tiles."""
+    levels: NDArray[np.float64]
+    """(levels,): the kinds of the sensor, then the contrasts between still and vibrating that occur."""
     patches: NDArray[np.float64]
-    """(patches, 6): x, y, width, height (m) of each patch, 1 if it is a disc, and its kind."""
-    first_patch: NDArray[np.int64]
-    """(runs + 1,): run r has the patches from ``first_patch[r]`` to ``first_patch[r + 1]``."""
+    """(patches, 6): x, y, width, height (m) of each patch, 1 if it is a disc, and the index of its level."""
 
 
 @inner
@@ -188,14 +178,7 @@ def sensed_tile(
     past_m, edge_tile = past_edge(x_m, y_m, at, place, tiles, response.reach_m, response.blur_m)
     if edge_tile < 0:
         return at
-    u = uniform(seed, run, robot, SENSING, sample, OF_EDGE)
-    # For speed: this far inside the region that is mostly sensed as vibrating, the probability is above
-    # 1 - CLEAR_SHARE; this far outside it is below CLEAR_SHARE. If u lies between these two, u is below the probability
-    # exactly if the sample is inside, so the probability need not be computed.
-    if abs(past_m) > CLEAR * response.blur_m and CLEAR_SHARE < u < 1.0 - CLEAR_SHARE:
-        vibrates = past_m > 0.0
-    else:
-        vibrates = u < share_past(past_m, response.blur_m)
+    vibrates = uniform(seed, run, robot, SENSING, sample, OF_EDGE) < share_past(past_m, response.blur_m)
     # ``edge_tile`` is of the other kind than the tile below.
     return at if vibrates == (at >= 0 and tiles[at] == 1) else edge_tile
 
@@ -206,7 +189,6 @@ def patched_kind(
     y_m: float,
     kind: int,
     response: Response,
-    r: int,
     seed: int,
     run: int,
     robot: int,
@@ -217,9 +199,9 @@ def patched_kind(
     Near the edge of a patch a sample senses it with the probability of edges of tiles (``share_past``).
 
     Args:
-        r: index of the run in ``response.first_patch``. seed, run, robot, sample: address of the sample's numbers.
+        seed, run, robot, sample: address of the sample's numbers.
     """
-    for k in range(response.first_patch[r], response.first_patch[r + 1]):
+    for k in range(response.patches.shape[0]):
         patch = response.patches[k]
         beyond = edge_distance(abs(x_m - patch[0]), abs(y_m - patch[1]), patch[2], patch[3], patch[4] > 0.0)
         if not response.edges:
@@ -233,141 +215,85 @@ def patched_kind(
 
 
 @kernel
-def factor_row(response: Response, r: int, robot: int, sensed: int) -> int:
+def factor_row(response: Response, robot: int, sensed: int) -> int:
     """Return the index of the row of ``response.factors`` and ``shares_below`` that a sample uses.
 
     Args:
-        r: index of the run in ``response.first``. robot: number of the robot. sensed: index of the tile that is sensed,
-            -1: none.
+        robot: number of the robot. sensed: index of the tile that is sensed, -1: none.
     """
-    row: int = response.first[r]
-    if response.robots_differ:  # each robot has a block of rows
-        row += robot * response.per_robot[r]
-    if response.per_robot[r] > 1:  # tiles differ; the first row of a block is that of no tile, -1
-        row += sensed + 1
-    return row
+    row = robot * response.per_robot if response.robots_differ else 0  # each robot has a block of rows
+    # if tiles differ, the first row of a block is that of no tile, -1
+    return row + sensed + 1 if response.per_robot > 1 else row
 
 
-def contrasts_of(floors: Iterable[Floor]) -> NDArray[np.float64]:
-    """Return the contrasts between still and vibrating that occur on floors, ascending."""
-    steps: set[int] = set()
-    for floor in floors:
-        if floor.surface.values is not None:
-            steps.update(np.unique(floor.surface.values).tolist())
-        steps.update(round(patch.contrast * STEPS) for patch in floor.surface.patches)
-    return np.array(sorted(steps - {0, STEPS}), dtype=np.float64) / STEPS
+def levels_on(sensor: Sensor, floors: Iterable[Floor]) -> NDArray[np.float64]:
+    """Return the levels that the sensor has, and the contrasts that occur on floors (``Response.levels``)."""
+    found = [np.append(floor.levels, [patch.contrast for patch in floor.patches]) for floor in floors]
+    contrasts = np.unique(np.concatenate([np.zeros(0), *found]))
+    return np.append(np.arange(sensor.kinds), contrasts[contrasts % 1.0 > 0.0])
 
 
-def kinds_with(floor: Floor, contrasts: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Return the kinds of a floor's tiles as kernels read them, (tiles,); contrasts are kinds from 2 on."""
-    values = floor.surface.values
-    if values is None:
-        return floor.tiles.ravel()
-    kinds = [_kind_with(step / STEPS, contrasts) for step in range(STEPS + 1)]
-    return np.array(kinds, dtype=np.uint8)[values.ravel()]
+def index_of(level: ArrayLike, levels: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return the index of each of some levels among all, in their shape."""
+    order = np.argsort(levels)
+    return order[np.searchsorted(levels, level, sorter=order)].astype(np.uint8)
 
 
-def _kind_with(contrast: float, contrasts: NDArray[np.float64]) -> int:
-    if contrast in (0.0, 1.0):
-        return int(contrast)
-    return 2 + int(np.searchsorted(contrasts, contrast - 0.5 / STEPS))
-
-
-def _patches_of(
-    floors: Sequence[Floor], contrasts: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return ``Response.patches`` and ``first_patch``."""
-    rows = [
-        (p.x_m, p.y_m, p.width_m, p.height_m, float(p.is_disc), float(_kind_with(p.contrast, contrasts)))
-        for floor in floors
-        for p in floor.surface.patches
-    ]
-    counts = [len(floor.surface.patches) for floor in floors]
-    return np.array(rows, dtype=np.float64).reshape(-1, 6), np.cumsum([0, *counts], dtype=np.int64)
-
-
-def response_of(scenario: Scenario, seed: int, runs: Sequence[int], floors: Sequence[Floor]) -> Response:
-    """Return the response of the sensors in some runs.
+def response_of(
+    scenario: Scenario, seed: int, run: int, floor: Floor, levels: NDArray[np.float64]
+) -> Response:
+    """Return the response of the sensors in a run on its floor.
 
     Args:
-        runs: the run numbers. floors: of each run, in the order of ``runs``.
+        levels: of the floors of all runs (``levels_on``).
     """
-    sensor, contrasts = scenario.sensor, contrasts_of(floors)
-    patches, first_patch = _patches_of(floors, contrasts)
+    sensor = scenario.sensor
     # With redraw = "study" all runs use the floor of run 0, with that floor's factors. With redraw = "run" each run
     # draws its own factors, even if the floor's tiles are fixed.
-    of_floor = tuple(runs) if scenario.floor.redraw == "run" else (0,) * len(runs)
-    tiles = tuple(floor.tiles.size for floor in floors)
-    rows = _factor_rows(
-        sensor,
-        model_of(sensor),
-        seed,
-        tuple(runs),
-        of_floor,
-        scenario.swarm.robots,
-        tiles,
-        tuple(contrasts.tolist()),
-    )
+    drawn = (run, run if scenario.floor.redraw == "run" else 0) if factors_differ(sensor) else (0, 0)
+    of_floor = seed, *drawn, floor.levels.size, scenario.swarm.robots
+    factors, shares = _factors_and_shares(sensor, model_of(sensor), tuple(levels.tolist()), *of_floor)
+    patches = [
+        (p.x_m, p.y_m, p.width_m, p.height_m, p.is_disc, index_of(p.contrast, levels)) for p in floor.patches
+    ]
     return Response(
         edges=sensor.edge_reach_m is not None or sensor.edge_blur_m is not None,
         reach_m=sensor.edge_reach_m or 0.0,
         blur_m=sensor.edge_blur_m or 0.0,
         robots_differ=sensor.robot_spread is not None,
-        **rows,
-        contrasts=contrasts,
-        patches=patches,
-        first_patch=first_patch,
+        per_robot=1 if sensor.tile_spread is None else floor.levels.size + 1,
+        factors=factors,
+        shares_below=shares,
+        levels=levels,
+        patches=np.array(patches, dtype=np.float64).reshape(-1, 6),
     )
 
 
-@lru_cache(maxsize=16)
-def _factor_rows(
-    sensor: Sensor, model: SensorModel, seed: int, runs: tuple[int, ...], of_floor: tuple[int, ...], robots: int,
-    tiles: tuple[int, ...], contrasts: tuple[float, ...],
-) -> dict[str, NDArray[Any]]:  # fmt: skip
-    """Return ``first``, ``per_robot``, ``factors`` and ``shares_below`` of ``Response``; cached, as cells share them.
+@lru_cache(maxsize=256)
+def _factors_and_shares(
+    sensor: Sensor, model: SensorModel, levels: tuple[float, ...], seed: int, run: int, of_floor: int, tiles: int,
+    robots: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
+    """Return ``Response.factors`` and ``shares_below`` of a run; cached, as cells share them.
+
+    There is a block of factors for each robot, or a single block if robots do not differ. A block has the factor of
+    places on no tile, which is the robot's own, and then a factor for each tile; if tiles do not differ, it has the
+    first one only.
 
     Args:
-        of_floor: (runs,): the run whose factors of tiles each run has. tiles: (runs,): number of tiles of its floor.
-    """
-    # One row, with factor 1, for all runs, robots and tiles.
-    factors, first, per_robot = np.ones(1), [0] * len(tiles), [1] * len(tiles)
-    if factors_differ(sensor) and tiles:
-        of_runs = [
-            _factors(sensor, seed, *of_run, robots) for of_run in zip(runs, of_floor, tiles, strict=True)
-        ]
-        factors = np.concatenate(of_runs)
-        first = np.cumsum([0, *map(len, of_runs[:-1])]).tolist()
-        if sensor.tile_spread:
-            per_robot = [size + 1 for size in tiles]
-    # A sensor that depends on the place is read sample by sample (``observe``), so that no shares are needed.
-    shares = np.zeros((1, sensor.kinds, sensor.readings - 1))
-    if model.sense is None:
-        shares = np.ascontiguousarray(shares_below(sensor, factors, np.array(contrasts)))
-    return {
-        "first": np.array(first, dtype=np.int64),
-        "per_robot": np.array(per_robot, dtype=np.int64),
-        "factors": factors,
-        "shares_below": shares,
-    }
-
-
-def _factors(
-    sensor: Sensor, seed: int, run: int, of_floor: int, tiles: int, robots: int
-) -> NDArray[np.float64]:
-    """Return the factors of a run, flattened, in the order of ``Response.factors``.
-
-    There is a block for each robot, or a single block if robots do not differ. A block has the factor of places on no
-    tile, which is the robot's own, and then a factor for each tile; if tiles do not differ, it has the first one only.
+        of_floor: the run whose factors of tiles it has.
     """
     of_tile, of_robot = np.ones(1), np.ones(1)
     if sensor.tile_spread is not None:
-        u = _fill_numbers(seed, of_floor, False, np.empty(tiles))
-        of_tile = np.append(1.0, _log_normal(u, sensor.tile_spread))  # 1.0 for places on no tile
+        drawn = _log_normal(_fill_numbers(seed, of_floor, False, np.empty(tiles)), sensor.tile_spread)
+        of_tile = np.append(1.0, drawn)  # 1.0 for places on no tile
     if sensor.robot_spread is not None:
-        u = _fill_numbers(seed, run, True, np.empty(robots))
-        of_robot = _log_normal(u, sensor.robot_spread)
-    return np.asarray(np.outer(of_robot, of_tile).ravel())
+        of_robot = _log_normal(_fill_numbers(seed, run, True, np.empty(robots)), sensor.robot_spread)
+    factors = np.outer(of_robot, of_tile).ravel()
+    # A sensor that depends on the place is read sample by sample (``observe``), so that no shares are needed.
+    if model.sense is not None:
+        return factors, np.zeros((1, sensor.kinds, sensor.readings - 1))
+    return factors, np.ascontiguousarray(shares_below(sensor, factors, np.array(levels)))
 
 
 @kernel

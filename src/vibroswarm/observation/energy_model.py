@@ -10,9 +10,9 @@
 | true and claimed rates | - | - | ``rates``, by which samples are read; ``claimed_rates``, by which robots weigh them |
 
 The laws are those of the scenario's sensor (``sensors``). Those of a sensor that measures at each place depend on the
-grid, ``place`` (None: not known, then that of the study). L of a bit is by the rates that robots claim, unless it is
-``exact``. Near edges a sample has a value of one kind or the other, never a mixture, so L is the same there. A faulty
-sensor changes only the reading. If a fault has changed the bit, so that it contradicts the energy, L is the log ratio
+grid, ``place`` (None: not known, then that of the study). L of a bit is by the rates that robots claim. Near edges a
+sample has a value of one kind or the other, never a mixture, so L is the same there. A faulty sensor changes only the
+reading. If a fault has changed the bit, so that it contradicts the energy, L is the log ratio
 of the bit, by the error rates.
 """
 
@@ -50,8 +50,6 @@ def is_sensed(sensor: Sensor) -> bool:
 
 NO_FACTORS: Final = np.ones(1)
 """One row with factor 1."""
-NO_CONTRASTS: Final = np.empty(0)
-"""No intermediate contrasts."""
 CLAIMED_AS_TRUE: Final = 1e-3
 """Claimed rates that differ by at most this from the true ones count as these."""
 
@@ -59,25 +57,25 @@ CLAIMED_AS_TRUE: Final = 1e-3
 def shares_below(
     sensor: Sensor,
     factors: NDArray[np.float64] = NO_FACTORS,
-    contrasts: NDArray[np.float64] = NO_CONTRASTS,
+    levels: NDArray[np.float64] | None = None,
     place: Place | None = None,
 ) -> NDArray[np.float64]:
-    """Return the share of samples on each kind of tile that read as each class or a lower one.
+    """Return the share of samples at each level that read as each class or a lower one.
 
     The reading of a sample with the uniform number u is the number of these shares below u.
 
     Args:
-        factors: (rows,): factors that the values are multiplied by.
-        contrasts: (contrasts,): places between still and vibrating, which count as further kinds. place: the grid.
-    Returns: (rows, kinds + contrasts, classes - 1), rising along the last axis; for two kinds and classes F(theta_E) of
-        both.
+        factors: (rows,): factors that the values are multiplied by. levels: kinds, then contrasts; None: the sensor's
+            kinds. place: the grid.
+    Returns: (rows, levels, classes - 1), rising along the last axis; for two kinds and classes F(theta_E) of both.
     """
     model, p = model_of(sensor), _params(sensor, place)
+    every = np.arange(float(sensor.kinds)) if levels is None else levels
+    kinds, contrasts = every[every % 1.0 == 0.0].astype(np.int64).tolist(), every[every % 1.0 > 0.0]
     if model.share_at_most is None:
-        shares = [model.shares_up_to(kind, factors, p) for kind in range(sensor.kinds)]
+        shares = [model.shares_up_to(kind, factors, p) for kind in kinds]
     else:  # c G <= theta_E is G <= theta_E / c
-        thresholds = sensor.rms_threshold / factors
-        shares = [model.share_at_most(kind, thresholds, p)[:, None] for kind in range(sensor.kinds)]
+        shares = [model.share_at_most(kind, sensor.rms_threshold / factors, p)[:, None] for kind in kinds]
     of_kinds = np.stack(shares, axis=1)
     if not contrasts.size:
         return of_kinds
@@ -89,24 +87,20 @@ def _params(sensor: Sensor, place: Place | None) -> Any:
     return model_of(sensor).at_place(sensor.params, place)
 
 
-def rates(sensor: Sensor, place: Place | None = None) -> NDArray[np.float64]:
-    """Return the probability that a sample on each kind of tile reads as each class, (kinds, classes).
+def rates(
+    sensor: Sensor, place: Place | None = None, levels: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Return the probability that a sample at each level reads as each class, (levels, classes).
 
     If tiles or robots differ, these are means over the distributions of their factors. They do not include the effect
     of edges, which depends on the floor (``decision_boundary.sensed_shares_on``).
+
+    Args:
+        levels: kinds, then contrasts; None: the sensor's kinds.
     """
-    return np.diff(mean_shares_below(sensor, place=place), axis=1, prepend=0.0, append=1.0)
-
-
-def mean_shares_below(
-    sensor: Sensor, contrasts: NDArray[np.float64] = NO_CONTRASTS, place: Place | None = None
-) -> NDArray[np.float64]:
-    """Return ``shares_below`` averaged over the factors of tiles and robots, (kinds + contrasts, classes - 1)."""
-    if not factors_differ(sensor):
-        return np.asarray(shares_below(sensor, NO_FACTORS, contrasts, place)[0])
-    factors, weights = typical_factors(sensor)
-    shares = shares_below(sensor, factors, contrasts, place)
-    return np.asarray((weights[:, None, None] * shares).sum(axis=0))
+    factors, weights = typical_factors(sensor) if factors_differ(sensor) else (NO_FACTORS, NO_FACTORS)
+    shares = shares_below(sensor, factors, levels, place)
+    return np.diff((weights[:, None, None] * shares).sum(axis=0), axis=1, prepend=0.0, append=1.0)
 
 
 def error_rates(sensor: Sensor, place: Place | None = None) -> tuple[float, float]:
@@ -117,17 +111,13 @@ def error_rates(sensor: Sensor, place: Place | None = None) -> tuple[float, floa
     Raises:
         InputError: the sensor has more than two kinds or classes.
     """
-    _check_two(sensor)
-    shares = mean_shares_below(sensor, place=place)
-    return float(1.0 - shares[0, 0]), float(shares[1, 0])
+    return _of_two(sensor, rates(sensor, place))
 
 
-def _check_two(sensor: Sensor) -> None:
-    if max(sensor.kinds, sensor.readings) > 2:
-        raise InputError(
-            f"'{sensor.model}' has no false positives and negatives; give two kinds of tile and two classes",
-            field="sensor.model",
-        )
+def _of_two(sensor: Sensor, known: NDArray[np.float64]) -> tuple[float, float]:
+    if known.shape != (2, 2):
+        raise InputError(f"'{sensor.model}' has no false positives and negatives", field="sensor.model")
+    return float(known[0, 1]), float(known[1, 0])
 
 
 def claimed_rates(sensor: Sensor, place: Place | None = None) -> NDArray[np.float64]:
@@ -142,11 +132,7 @@ def claimed_rates(sensor: Sensor, place: Place | None = None) -> NDArray[np.floa
 
 def claimed_error_rates(sensor: Sensor, place: Place | None = None) -> tuple[float, float]:
     """Return ``error_rates`` as robots claim them (``claimed_rates``); raises the same error."""
-    if sensor.claimed_rates is None:
-        return error_rates(sensor, place)
-    _check_two(sensor)
-    (_, positive), (negative, _) = sensor.claimed_rates
-    return positive, negative
+    return _of_two(sensor, claimed_rates(sensor, place))
 
 
 def claims_differ(sensor: Sensor, place: Place | None = None) -> bool:
@@ -162,10 +148,10 @@ def factors_differ(sensor: Sensor) -> bool:
 
 
 def energy_of(
-    sensor: Sensor, kind: int, u: NDArray[np.float64], place: Place | None = None
+    sensor: Sensor, level: float, u: NDArray[np.float64], place: Place | None = None
 ) -> NDArray[np.float32]:
-    """Return what samples measure on a kind of tile, at the quantiles ``u`` (in (0, 1)), in the shape of ``u``."""
-    return model_of(sensor).values(kind, u, _params(sensor, place)).astype(np.float32)
+    """Return what samples measure at a level, at the quantiles ``u`` (in (0, 1)), in the shape of ``u``."""
+    return model_of(sensor).values(level, u, _params(sensor, place)).astype(np.float32)
 
 
 def energies_of(
@@ -173,21 +159,17 @@ def energies_of(
     kind: NDArray[np.uint8],
     u: NDArray[np.float64],
     factors: NDArray[np.float64] | None = None,
-    contrasts: NDArray[np.float64] = NO_CONTRASTS,
+    levels: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float32]:
-    """Return what each sample measures, (samples,): the quantile, at its uniform number, of its tile kind's law.
+    """Return what each sample measures, (samples,): the quantile, at its uniform number, of its level's law.
 
     Args:
-        kind: (samples,): the kind of the tile sensed. u: (samples,): uniform numbers in (0, 1). factors: (samples,):
-            factors of the values; None: all 1. contrasts: of kinds beyond those of the sensor, as in ``shares_below``.
+        kind: (samples,): the index of the level sensed. u: (samples,): uniform numbers in (0, 1). factors: (samples,):
+            factors of the values; None: all 1. levels: as in ``shares_below``.
     """
     energy = np.empty(u.size, dtype=np.float32)
-    for one in range(sensor.kinds):
-        energy[kind == one] = energy_of(sensor, one, u[kind == one])
-    between = kind >= sensor.kinds
-    if between.any():
-        contrast = contrasts[kind[between] - sensor.kinds]
-        energy[between] = model_of(sensor).values_at(contrast, u[between], sensor.params)
+    for k, level in enumerate(range(sensor.kinds) if levels is None else levels.tolist()):
+        energy[kind == k] = energy_of(sensor, level, u[kind == k])
     return energy if factors is None else (energy * factors).astype(np.float32)
 
 
@@ -209,11 +191,7 @@ def typical_factors(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 MOST: Final = 8.0
-"""Limit on the absolute value of L, so that no single energy can decide alone: for robots and inspections, whose law of
-the sensor may be wrong."""
-MOST_EXACT: Final = 700.0
-"""The same for who knows the law exactly: e^700 is nearly the largest number, so that a reading that is impossible on
-one kind of tile excludes it."""
+"""Limit on the absolute value of L, so that no single energy can decide alone: the law may be wrong."""
 
 
 def log_ratios(
@@ -261,21 +239,13 @@ def weighed(
 
 
 def log_ratios_of_bits(
-    sensor: Sensor, observation: NDArray[Any], exact: bool = False, place: Place | None = None
+    sensor: Sensor, observation: NDArray[Any], place: Place | None = None
 ) -> NDArray[np.float64]:
-    """Return L of each bit, by the error rates that robots claim, limited to +-``MOST``.
-
-    Args:
-        exact: by the true error rates, limited to +-``MOST_EXACT``. place: the grid.
-    """
-    most, rates_of = (MOST_EXACT, error_rates) if exact else (MOST, claimed_error_rates)
+    """Return L of each bit, by the error rates that robots claim, limited to +-``MOST``."""
     # Error rates of exactly 0 or 1 would give infinite ratios.
-    least = min(1e-6, math.exp(-most))
-    a, b = (min(max(rate, least), 1.0 - least) for rate in rates_of(sensor, place))
-    of_zero, of_one = (
-        math.log((vibrating or least) / (still or least)) for vibrating, still in ((b, 1.0 - a), (1.0 - b, a))
-    )
-    return np.clip(np.where(observation == 1, of_one, of_zero), -most, most)
+    a, b = np.clip(claimed_error_rates(sensor, place), 1e-6, 1.0 - 1e-6).tolist()
+    of_zero, of_one = math.log(b / (1.0 - a)), math.log((1.0 - b) / a)
+    return np.clip(np.where(observation == 1, of_one, of_zero), -MOST, MOST)
 
 
 def log_ratios_of_classes(
@@ -294,14 +264,13 @@ def log_ratios_of_classes(
 
 
 def log_ratios_of_energies(
-    sensor: Sensor, energy: NDArray[np.float32], most: float = MOST, place: Place | None = None
+    sensor: Sensor, energy: NDArray[np.float32], place: Place | None = None
 ) -> NDArray[np.float64]:
-    """Return L of each energy (or row of numbers), limited to +-``most``; 0 where the density is 0 on both kinds."""
+    """Return L of each energy (or row of numbers), limited to +-``MOST``; 0 where the density is 0 on both kinds."""
     exact = energy.astype(np.float64)
     still, vibrating = (log_likelihood(sensor, kind, exact, place) for kind in (0, 1))
     with np.errstate(invalid="ignore"):  # where both densities are 0, -inf - -inf is nan
-        ratio = np.nan_to_num(vibrating - still, nan=0.0, posinf=most, neginf=-most)
-    return np.clip(ratio, -most, most)
+        return np.clip(np.nan_to_num(vibrating - still, posinf=MOST, neginf=-MOST), -MOST, MOST)
 
 
 def log_likelihood(
@@ -310,9 +279,6 @@ def log_likelihood(
     """Return ln of the likelihood of energies (or rows of numbers) on a kind of tile, (samples,); -inf where it is 0.
 
     If tiles or robots differ, the likelihood is the mean over the distribution of their factors.
-
-    Raises:
-        InputError: the sensor states no likelihood.
     """
     model, p = model_of(sensor), _params(sensor, place)
     found = mean_density(sensor, _values(sensor, energy), lambda value: model.densities(kind, value, p))

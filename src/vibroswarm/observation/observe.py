@@ -18,7 +18,7 @@ loop read them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -32,7 +32,8 @@ from vibroswarm.floors.floor import Floor, Place, place_of, tile_below
 from vibroswarm.observation.edge_response import (
     Response,
     factor_row,
-    kinds_with,
+    index_of,
+    levels_on,
     patched_kind,
     response_of,
     sensed_tile,
@@ -86,29 +87,15 @@ def sensed_floors(
     Args:
         runs: run numbers. floors: the floor of each run, by run number.
     """
-    response = response_of(scenario, seed, runs, [floors[run] for run in runs])
-    return list(_grounds(response, sensor_faults(scenario, seed, runs), runs, floors))
-
-
-def _grounds(
-    response: Response, faults: SensorFaults, runs: Sequence[int], floors: Mapping[int, Floor]
-) -> Iterator[Ground]:
-    """Yield the floor and the sensors of each run, by those of all runs."""
+    levels = levels_on(scenario.sensor, (floors[run] for run in runs))
+    faults, grounds = sensor_faults(scenario, seed, runs), []
     for r, run in enumerate(runs):
-        # Arrays with one entry per run keep that of this run. They index the rows of ``factors`` and ``shares_below``,
-        # which stay those of all runs.
-        own = response._replace(
-            first=response.first[r : r + 1],
-            per_robot=response.per_robot[r : r + 1],
-            first_patch=response.first_patch[r : r + 2],
-        )
-        faults_of_run = of_run(faults, r)
-        times_s, stages = zip(*floors[run].stages(), strict=True)
-        sensed = [
-            SensedFloor(read_only(kinds_with(stage, own.contrasts)), place_of(stage), own, faults_of_run)
-            for stage in stages
-        ]
-        yield Ground(np.array(times_s), sensed)
+        own = response_of(scenario, seed, run, floors[run], levels), of_run(faults, r)
+        since_s, stages = zip(*floors[run].stages(), strict=True)
+        tiles = [read_only(index_of(stage.levels.ravel(), levels)) for stage in stages]
+        place = place_of(floors[run])
+        grounds.append(Ground(np.array(since_s), [SensedFloor(each, place, *own) for each in tiles]))
+    return grounds
 
 
 @inner
@@ -129,13 +116,13 @@ def read(
     )
     kind = kind_of(ground.tiles, sensed)
     if ground.response.patches.shape[0] > 0:
-        kind = patched_kind(x_m, y_m, kind, ground.response, 0, seed, run, robot, sample)
-    row = factor_row(ground.response, 0, robot, sensed)  # 0: ``ground`` holds a single run
+        kind = patched_kind(x_m, y_m, kind, ground.response, seed, run, robot, sample)
+    row = factor_row(ground.response, robot, sensed)
     u = uniform(seed, run, robot, SENSING, sample, ALONE)
-    shares, contrasts = ground.response.shares_below, ground.response.contrasts
+    shares, levels = ground.response.shares_below, ground.response.levels
     return (
         tile,
-        observation_of(ground.faults, 0, robot, time_s, kind, u, shares, contrasts, row, seed, run, sample),
+        observation_of(ground.faults, 0, robot, time_s, kind, u, shares, levels, row, seed, run, sample),
         kind,
         row,
     )
@@ -188,12 +175,9 @@ def kinds_at(floor: Floor, tile: NDArray[np.integer[Any]], time_s: NDArray[np.fl
         tile: (samples,), indices of tiles. time_s: (samples,), in any order.
     """
     kinds = np.zeros(tile.size, dtype=np.uint8)
-    stages = list(floor.stages())
-    stage = np.searchsorted([since_s for since_s, _ in stages], time_s, side="right") - 1
-    for k in np.unique(stage).tolist():
-        flat = np.append(stages[k][1].tiles.ravel(), 0)  # the entry 0 is at the end, where index -1 reads it
-        here = stage == k
-        kinds[here] = flat[tile[here]]
+    for since_s, stage in floor.stages():
+        later = time_s >= since_s
+        kinds[later] = np.append(stage.tiles.ravel(), 0)[tile[later]]  # index -1 reads the entry 0 at the end
     return kinds
 
 
@@ -213,8 +197,8 @@ class Readings(NamedTuple):
     """Factor of the energy on the sensed tile."""
     values: NDArray[np.float64]
     """(rows, numbers): what a sensor that depends on the place measures; of others no rows."""
-    contrasts: NDArray[np.float64]
-    """Contrasts of kinds beyond those of the sensor (``Response.contrasts``)."""
+    levels: NDArray[np.float64]
+    """Levels of which ``kinds`` are indices (``Response.levels``)."""
 
 
 def read_samples(
@@ -231,16 +215,17 @@ def read_samples(
     runs = run[begins].tolist()
     columns = _columns(*(motion[name].to_numpy() for name in ("robot", "sample", "x_m", "y_m", "time_s")))
     time_s = columns[2]
-    response = response_of(scenario, seed, runs, [floors[one] for one in runs])
-    readings = _no_readings(scenario.sensor, run.size, energies, response.contrasts)
-    grounds = _grounds(response, sensor_faults(scenario, seed, runs), runs, floors)
+    grounds = sensed_floors(scenario, seed, runs, floors)
+    levels = grounds[0].stages[0].response.levels if grounds else np.empty(0)
+    readings = _no_readings(scenario.sensor, run.size, energies, levels)
     bounds = pairwise([*begins.tolist(), run.size])
     for one, ground, (begin, end) in zip(runs, grounds, bounds, strict=True):
         for floor, part in ground.parts(time_s[begin:end]):
             rows = slice(begin + part.start, begin + part.stop)
             x_m, y_m, times, robot, sample = (column[rows] for column in columns)
             samples = Samples(floor.place, floor.tiles, x_m, y_m, times, robot, sample, seed, one)
-            _read_part(scenario.sensor, floor, samples, _part_of(readings, rows))
+            part_of = Readings._make([*(column[rows] for column in readings[:-1]), levels])
+            _read_part(scenario.sensor, floor, samples, part_of)
     return readings
 
 
@@ -250,11 +235,7 @@ def _columns(robot: Any, sample: Any, x_m: Any, y_m: Any, time_s: Any) -> tuple[
     return x, y, time, read_only(robot.astype(np.int64)), read_only(sample.astype(np.int64))
 
 
-def _part_of(readings: Readings, rows: slice) -> Readings:
-    return Readings._make([*(column[rows] for column in readings[:-1]), readings.contrasts])
-
-
-def _no_readings(sensor: Sensor, count: int, energies: bool, contrasts: NDArray[np.float64]) -> Readings:
+def _no_readings(sensor: Sensor, count: int, energies: bool, levels: NDArray[np.float64]) -> Readings:
     """Return arrays for readings of as many samples."""
     numbers = len(model_of(sensor).names_of_numbers(sensor.params))
     drawn = count if energies else 0
@@ -265,7 +246,7 @@ def _no_readings(sensor: Sensor, count: int, energies: bool, contrasts: NDArray[
         kinds=np.empty(drawn, dtype=np.uint8),
         factors=np.empty(drawn),
         values=np.empty((count if is_sensed(sensor) else 0, numbers)),
-        contrasts=contrasts,
+        levels=levels,
     )
 
 
@@ -296,28 +277,6 @@ def _read_rows(floor: SensedFloor, samples: Samples, out: Readings) -> None:
             out.kinds[k], out.factors[k] = kind, floor.response.factors[row]
 
 
-def values_at(
-    sensor: Sensor,
-    tiles: NDArray[np.uint8],
-    place: Place,
-    seed: int,
-    run: int,
-    robot: NDArray[np.uint16],
-    sample: NDArray[np.uint32],
-    x_m: NDArray[np.float64],
-    y_m: NDArray[np.float64],
-    time_s: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return what a sensor that depends on the place measures at samples of one run, (samples, numbers).
-
-    Args:
-        tiles: (tiles,), kinds of the floor's tiles. place: its grid and position. seed, run: address of chance.
-        robot, sample, x_m, y_m, time_s: (samples,), columns of the motion table.
-    """
-    samples = Samples(place, tiles, *_columns(robot, sample, x_m, y_m, time_s), seed=seed, run=run)
-    return model_of(sensor).sensed(samples, sensor.params)
-
-
 def observe(
     scenario: Scenario,
     seed: int,
@@ -344,7 +303,7 @@ def reads_energies(scenario: Scenario) -> bool:
     return bool(getattr(scenario.strategy.params, "energies", False))
 
 
-def energies_at(
+def readings_at(
     scenario: Scenario,
     ground: SensedFloor,
     seed: int,
@@ -354,8 +313,8 @@ def energies_at(
     x_m: NDArray[np.float64],
     y_m: NDArray[np.float64],
     time_s: NDArray[np.float64],
-) -> NDArray[np.float32]:
-    """Return what samples of one run measure, equal to the table of ``observe``: see ``energies_read``.
+) -> Readings:
+    """Return the readings of samples of one run, with what energies are computed from.
 
     Args:
         ground: floor and sensors of the run.
@@ -363,9 +322,9 @@ def energies_at(
     """
     columns = _columns(robot, sample, x_m, y_m, time_s)
     samples = Samples(ground.place, ground.tiles, *columns, seed=seed, run=run)
-    readings = _no_readings(scenario.sensor, robot.size, True, ground.response.contrasts)
+    readings = _no_readings(scenario.sensor, robot.size, True, ground.response.levels)
     _read_part(scenario.sensor, ground, samples, readings)
-    return energies_read(scenario, readings)
+    return readings
 
 
 def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
@@ -377,7 +336,7 @@ def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
     if is_sensed(scenario.sensor):
         return read.values.astype(np.float32)
     factors = read.factors if factors_differ(scenario.sensor) else None  # None: all are 1
-    return energies_of(scenario.sensor, read.kinds, read.numbers, factors, read.contrasts)
+    return energies_of(scenario.sensor, read.kinds, read.numbers, factors, read.levels)
 
 
 def observation_frame(

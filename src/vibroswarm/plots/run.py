@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.verdict import answers_of, estimates_in_words, verdict
 from vibroswarm.core.numbers import count, first_of, number
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.surfaces import STEPS, Patch
+from vibroswarm.floors.surfaces import Patch
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.plots.layout import panels_of
@@ -215,10 +215,8 @@ def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
     from matplotlib.patches import Rectangle
 
     rows, columns, tile_w, tile_h, left, bottom = floor.geometry
-    values = floor.surface.values
-    contrast = np.zeros(floor.tiles.shape) if values is None else values / STEPS
     # The first tile of each kind takes the label, so that the legend has each label once.
-    labels = {} if values is not None else dict(labels)
+    labels = {} if floor.has_contrasts else dict(labels)
     for kind in np.unique(floor.tiles).tolist():
         lines = {0: LINE, VIBRATES: RUN["ripple"]}.get(kind, RUN["trail"])
         looks: dict[str, Any] = {
@@ -229,11 +227,11 @@ def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
             for row, column in np.argwhere(floor.tiles == kind).tolist():
                 corner = (left + column * tile_w, bottom + (rows - 1 - row) * tile_h)  # row 0 is at the top
                 tile = Rectangle(corner, tile_w, tile_h, label=labels.pop(kind, None), **looks)
-                if 0 < contrast[row, column] < 1:
-                    tile.set(facecolor=_between(contrast[row, column]), edgecolor=LINE, lw=0.4, hatch="")
+                if 0 < (level := floor.levels[row, column]) < 1:
+                    tile.set(facecolor=_between(level), edgecolor=LINE, lw=0.4, hatch="")
                 axes.add_patch(tile)
     with rc_context({"hatch.color": RUN["ripple"]}):
-        for patch in floor.surface.patches:
+        for patch in floor.patches:
             axes.add_patch(_patch_artist(patch))
     outline = Rectangle((left, bottom), columns * tile_w, rows * tile_h, fill=False, edgecolor=FAINT, lw=0.8)
     axes.add_patch(outline)

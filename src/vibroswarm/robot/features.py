@@ -2,17 +2,14 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| signal | s_i | as measured | readings after the high-pass: of the magnitude, or of one axis |
+| signal | s_i | as measured | readings of the magnitude after the high-pass |
 | band | B(f) | as measured, squared | 2 abs(X)^2 / n^2, X = sum of s_i exp(-2 pi j f i / rate): A^2 / 2 of a sine of amplitude A at f |
 | peak_hz | f_p | Hz | frequency of the largest bin of the Hann-windowed spectrum, by a parabola through three bins |
 | peak_height | - | as measured | amplitude of the sine at f_p, to 4 % |
-| crossings_hz | - | Hz | changes of sign a second, divided by 2: the frequency, for a sine |
-| variance, kurtosis | m_2, m_4 / m_2^2 | - | central moments; the kurtosis of a sine is 1.5, of a normal law 3 |
-| peak_magnitude | - | as measured | largest abs(s_i) |
+| variance | m_2 | as measured, squared | second central moment |
 
-All take a fixed memory: moments are sums, a band is Goertzel's recursion of two numbers, and the spectrum needs
-``POINTS`` readings and as many numbers beside. Of a longer signal it takes means of successive readings
-(``block_means``), and what is then still beyond ``POINTS`` is not in it.
+All take a fixed memory: the variance is two sums, a band is Goertzel's recursion of two numbers, and the spectrum needs
+``POINTS`` readings and as many numbers beside. Of a longer signal it takes the first ``POINTS`` readings.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -32,74 +29,15 @@ LEAST: Final = 1e-37
 """Power that stands for 0 in a logarithm: a robot's float holds it, too."""
 
 
-class Moments(NamedTuple):
-    """What a robot keeps of its signal so far."""
-
-    taken: int
-    last: float
-    """The last reading, for the next change of sign."""
-    crossings: int
-    total: float
-    squares: float
-    cubes: float
-    fourths: float
-    """Sums of s_i, s_i^2, s_i^3 and s_i^4."""
-    largest: float
-    """Largest abs(s_i)."""
-
-
 @kernel
-def begin_moments() -> Moments:
-    """Return the state before the first reading."""
-    return Moments(0, 0.0, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@kernel
-def moments_step(state: Moments, value: float) -> Moments:
-    """Return the state after one more reading of the signal."""
-    square = value * value
-    crossed = 1 if state.taken > 0 and (value >= 0.0) != (state.last >= 0.0) else 0
-    return Moments(
-        state.taken + 1,
-        value,
-        state.crossings + crossed,
-        state.total + value,
-        state.squares + square,
-        state.cubes + square * value,
-        state.fourths + square * square,
-        max(state.largest, abs(value)),
-    )
-
-
-@kernel
-def signal_variance(state: Moments) -> float:
-    """Return m_2, the variance of the readings so far; 0 before the first."""
-    if state.taken == 0:
-        return 0.0
-    mean = state.total / state.taken
-    return max(state.squares / state.taken - mean * mean, 0.0)
-
-
-@kernel
-def kurtosis(state: Moments) -> float:
-    """Return m_4 / m_2^2 of the readings so far; 0 if they do not vary."""
-    m2 = signal_variance(state)
-    if m2 <= 0.0:
-        return 0.0
-    n, mean = state.taken, state.total / state.taken
-    m4 = (
-        state.fourths / n
-        - 4.0 * mean * state.cubes / n
-        + 6.0 * mean * mean * state.squares / n
-        - 3.0 * mean * mean * mean * mean
-    )
-    return m4 / (m2 * m2)
-
-
-@kernel
-def crossings_hz(state: Moments, rate_hz: float) -> float:
-    """Return half the number of changes of sign a second; 0 before the second reading."""
-    return 0.5 * state.crossings * rate_hz / (state.taken - 1) if state.taken > 1 else 0.0
+def signal_variance(signal: NDArray[np.float64]) -> float:
+    """Return m_2, the variance of a signal of at least one reading."""
+    total = squares = 0.0
+    for i in range(signal.shape[0]):
+        total += signal[i]
+        squares += signal[i] * signal[i]
+    mean = total / signal.shape[0]
+    return float(max(squares / signal.shape[0] - mean * mean, 0.0))
 
 
 class Band(NamedTuple):
@@ -173,31 +111,6 @@ class Peak(NamedTuple):
     hz: float
     height: float
     """Amplitude of the sine at this frequency."""
-
-
-@kernel
-def block_means(signal: NDArray[np.float64], taken: int, every: int, out: NDArray[np.float64]) -> int:
-    """Write the means of each ``every`` successive readings, and return their number, at most as many as ``out`` holds.
-
-    Args:
-        signal: readings, of which the first ``taken`` are used; what is left over at their end is not.
-    """
-    count: int = min(taken // every, out.shape[0])
-    for k in range(count):
-        out[k] = signal[every * k] / every
-        for i in range(every * k + 1, every * (k + 1)):
-            out[k] += signal[i] / every
-    return count
-
-
-@kernel
-def block_gain(frequency_hz: float, rate_hz: float, every: int) -> float:
-    """Return the amplitude of a sine after ``block_means``, as a share of that before."""
-    if frequency_hz <= 0.0 or every == 1:
-        return 1.0
-    half_turn = math.pi * frequency_hz / rate_hz
-    gain: float = math.sin(every * half_turn) / (every * math.sin(half_turn))
-    return gain
 
 
 @kernel

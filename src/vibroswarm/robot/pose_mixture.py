@@ -12,30 +12,15 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inlined, inner
 
-X: Final = 0
-"""Index of x in the state."""
-Y: Final = 1
-"""Index of y in the state."""
-HEADING: Final = 2
-"""Index of the heading in the state."""
-SPEED: Final = 3
-"""Index of the speed factor in the state."""
-BIAS: Final = 4
-"""Index of the gyro bias in the state."""
-SCALE: Final = 5
-"""Index of the gyro scale less 1 in the state."""
+X, Y, HEADING, SPEED, BIAS, SCALE = range(6)
+"""Indices in the state: place, heading, speed factor, gyro bias, and gyro scale less 1."""
 STATES: Final = 6
 """Number of state variables."""
-
-RANDOM: Final = 0
-"""Index of the state of the random number generator in ``Mixture.numbers``."""
-SAMPLES: Final = 1
-"""Index of the number of samples so far in ``Mixture.numbers``."""
-
-UNEXPECTED: Final = 0
-"""Index in ``Mixture.monitor`` of the sum of what was unexpected in drives and at obstacles; older ones count less."""
-OBSTACLES: Final = 1
-"""Index in ``Mixture.monitor`` of the number of past obstacles, of which older ones count less."""
+RANDOM, SAMPLES = 0, 1
+"""Indices in ``Mixture.numbers``: state of the random number generator, and number of samples so far."""
+UNEXPECTED, OBSTACLES = 0, 1
+"""Indices in ``Mixture.monitor``: sum of what was unexpected in drives and at obstacles, and number of past obstacles;
+older ones count less."""
 KEPT: Final = 0.95
 """Factor of the monitor's sums at each obstacle, so that they remember about the last 1 / (1 - KEPT) = 20 obstacles."""
 USUAL: Final = 0.5
@@ -192,11 +177,12 @@ def begin(
     f.numbers[RANDOM], f.numbers[SAMPLES] = random, 0
     f.monitor[OBSTACLES] = 1.0 / (1.0 - KEPT)  # the value that the sum has after many obstacles
     f.monitor[UNEXPECTED] = AT_START * f.monitor[OBSTACLES]
+    f.means[:] = 0.0
+    f.covariances[:] = 0.0
+    f.past[:] = 0.0
+    f.past_variances[:] = 0.0
+    f.past_covariances[:] = 0.0
     for i in range(count):
-        for j in range(STATES):
-            f.means[i, j] = 0.0
-            for k in range(STATES):
-                f.covariances[i, j, k] = 0.0
         f.means[i, X], f.means[i, Y], f.means[i, HEADING] = x_m, y_m, heading_rad
         f.means[i, SPEED] = program.speed_factor
         f.covariances[i, X, X] = program.start_spread_m * program.start_spread_m
@@ -207,11 +193,6 @@ def begin(
         f.covariances[i, BIAS, BIAS] = program.gyro_bias_spread_rad_s * program.gyro_bias_spread_rad_s
         f.covariances[i, SCALE, SCALE] = program.gyro_scale_spread * program.gyro_scale_spread
         f.weights[i] = 1.0 / count
-        for n in range(f.past.shape[1]):
-            for a in range(2):
-                f.past[i, n, a], f.past_variances[i, n, a] = 0.0, 0.0
-                for j in range(STATES):
-                    f.past_covariances[i, n, a, j] = 0.0
 
 
 @inlined

@@ -81,16 +81,6 @@ def sense_step(state: SenseState, program: SenseProgram, ax: float, ay: float, a
 
 
 @kernel
-def high_passed(program: SenseProgram, filtered: float, value: float, last: float) -> float:
-    """Return the next number of a filtered signal, such as one axis, by the filter of ``sense_step``.
-
-    Args:
-        filtered: the number before. value, last: this reading and the one before; before the first, the first itself.
-    """
-    return program.feedback * filtered + program.forward * value + program.before * last  # Eq. 14
-
-
-@kernel
 def energy(state: SenseState) -> float:
     """Return E, the root mean square of the readings so far; 0 before the first."""
     return math.sqrt(state.squares / state.taken) if state.taken > 0 else 0.0  # Algorithm 2

@@ -268,7 +268,7 @@ def _floor(record: RunRecord) -> dict[str, Any]:
     """Return the floor for the page; its tiles at time 0 are text of their kinds, row by row from the top."""
     floor = record.floor
     rows, columns = floor.tiles.shape
-    patches = [(p.x_m, p.y_m, p.width_m, p.height_m, p.is_disc, p.contrast) for p in floor.surface.patches]
+    patches = [(p.x_m, p.y_m, p.width_m, p.height_m, p.is_disc, p.contrast) for p in floor.patches]
     # time (s), tile and new kind of each change, in the order of time
     changes = list(zip(*(column.tolist() for column in floor.changes), strict=True))
     return {
@@ -280,7 +280,7 @@ def _floor(record: RunRecord) -> dict[str, Any]:
         "left_m": float(floor.left_m),
         "bottom_m": float(floor.bottom_m),
         "tiles": "".join(rows_of(floor.tiles)),
-        "has_values": floor.surface.values is not None,
+        "has_values": floor.has_contrasts,
         **({"patches": patches} if patches else {}),
         **({"changes": changes} if floor.is_changing else {}),
     }

@@ -294,7 +294,7 @@ def _details_of(result: Result) -> dict[str, Any]:
 
 def _surface_notes(floor: Floor) -> tuple[str, ...]:
     """Return what the page does not show of a floor's values, as a sentence; nothing if it has none."""
-    if floor.surface.values is None:
+    if not floor.has_contrasts:
         return ()
     return ("Tiles have values between still and vibrating; those of 0.5 and above are drawn as vibrating.",)
 

@@ -19,8 +19,8 @@ from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError, named
 from vibroswarm.floors.changes import Changes, changes_between, grown, markov_changes, permuted
 from vibroswarm.floors.floor import DIGITS, Floor, as_tiles
-from vibroswarm.floors.source import SUM_TO_1, is_random, is_redrawn, named_tiles
-from vibroswarm.floors.surfaces import PATCHES, kind_of_name, named_patches
+from vibroswarm.floors.source import SUM_TO_1, is_generated, is_random, named_tiles
+from vibroswarm.floors.surfaces import is_patches, named_patches
 
 INVERT: Final = "invert"
 """What vibrates becomes still, and what is still vibrates."""
@@ -84,7 +84,7 @@ class Change(FrozenModel):
     @property
     def is_random(self) -> bool:
         """Whether runs on the same floor may differ in its changes."""
-        return self.rate_per_h is not None or any(to == REDRAW or is_redrawn(to) for to in self.to or ())
+        return self.rate_per_h is not None or any(to == REDRAW or is_generated(to) for to in self.to or ())
 
     def steps(self) -> Iterator[tuple[float, str]]:
         """Yield each time (s), and what the floor becomes then; nothing if it does not change at given times."""
@@ -109,7 +109,7 @@ class Change(FrozenModel):
         later: list[tuple[float, NDArray[np.uint8]]] = []
         before = tiles
         for step, (time_s, to) in enumerate(self.steps()):
-            before = _next(to, replace(floor, tiles=before), arena_m, step, seed, run)
+            before = _next(to, replace(floor, levels=before), arena_m, step, seed, run)
             later.append((time_s, before))
         return changes_between(tiles, later)
 
@@ -130,7 +130,7 @@ def _next(
     with named("change.to"):
         if to == INVERT:
             return as_tiles(1 - tiles.astype(np.int64))
-        if kind_of_name(to) == PATCHES:
+        if is_patches(to):
             return _patched(to, floor, arena_m, number, seed, run)
         is_rows = set(to) <= {*DIGITS, "/"}
         rows = [[int(tile, 16) for tile in row] for row in to.split("/")] if is_rows else None

@@ -175,7 +175,7 @@ def observation_of(
     kind: int,
     u: float,
     shares: NDArray[np.float64],
-    contrasts: NDArray[np.float64],
+    levels: NDArray[np.float64],
     row: int,
     seed: int,
     run: int,
@@ -185,7 +185,7 @@ def observation_of(
 
     Args:
         r: row of the run in the arrays of ``faults``. kind: of the tile that the robot senses. u: the sample's uniform
-            number. shares: (rows, kinds, classes - 1): ``Response.shares_below``. contrasts: ``Response.contrasts``.
+            number. shares: (rows, levels, classes - 1): ``Response.shares_below``. levels: ``Response.levels``.
             row: of the sample in ``shares``.
         seed, run, sample: with ``i``, address of the sample's random numbers.
     """
@@ -199,7 +199,7 @@ def observation_of(
     # the contrast weighs both. A share beyond 0 or 1 acts as 0 or 1, because u is strictly between them.
     for_s = time_s - faults.from_s[r, 3, i]  # how long it has been biased
     if for_s >= 0.0:
-        contrast = contrasts[kind - 2] if kind >= 2 and contrasts.size > 0 else float(kind)
+        contrast = levels[kind]
         below += contrast * (faults.shifts[2] + faults.shifts[3] * for_s)
         below -= (1.0 - contrast) * (faults.shifts[0] + faults.shifts[1] * for_s)
     found = class_of(u, below, shares, row, kind)

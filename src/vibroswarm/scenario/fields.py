@@ -31,9 +31,9 @@ from pydantic import Field, model_validator
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError, named
-from vibroswarm.floors.floor import DIGITS, Floor, as_tiles
-from vibroswarm.floors.source import is_redrawn, named_tiles, surface_of
-from vibroswarm.floors.surfaces import VALUES, Surface, kind_of_name, kinds_of, steps_of
+from vibroswarm.floors.floor import DIGITS, Floor, as_levels
+from vibroswarm.floors.source import is_generated, named_tiles
+from vibroswarm.floors.surfaces import is_patches, named_patches
 from vibroswarm.scenario.change_fields import Change
 from vibroswarm.scenario.choices import Choice, NetworkChoice, StrategyChoice, TaskChoice
 from vibroswarm.scenario.fault_fields import Faults, MotionFaults
@@ -100,10 +100,9 @@ class FloorField(FrozenModel):
 
     source: str = Field(default="random:0.48", min_length=1)
     """A pattern with its fill (``diagonal:0.46``), ``random:0.48``, ``random:0.4,0.36,0.24`` (shares of the kinds 0, 1
-    and 2), ``patch:0.10``, ``gradient:0.2..0.8``, ``hill:0.3,0.6,0.2``, ``field:2``, or the name of the floor in
-    ``tiles`` or ``values``."""
+    and 2), ``patch:0.10``, or the name of the floor in ``tiles`` or ``values``."""
     rows: Annotated[int, Field(ge=1, le=2000)] = 5
-    """Rows of a random floor, and of ``gradient``, ``hill`` and ``field``."""
+    """Rows of a random floor."""
     columns: Annotated[int, Field(ge=1, le=2000)] = 5
     """Columns, likewise."""
     tiles: Annotated[tuple[TileRow, ...], Field(min_length=1, strict=False)] | None = None
@@ -137,7 +136,7 @@ class FloorField(FrozenModel):
     @property
     def drawn_by_run(self) -> bool:
         """Whether a new floor is drawn for each run."""
-        return self.is_named and self.redraw == "run" and is_redrawn(self.source)
+        return self.is_named and self.redraw == "run" and is_generated(self.source)
 
     @property
     def is_named(self) -> bool:
@@ -147,12 +146,7 @@ class FloorField(FrozenModel):
     @property
     def has_surface(self) -> bool:
         """Whether the floor has values of tiles, or patches."""
-        return self.values is not None or (self.tiles is None and bool(kind_of_name(self.source)))
-
-    @property
-    def has_values(self) -> bool:
-        """Whether tiles have values in place of kinds."""
-        return self.values is not None or (self.tiles is None and kind_of_name(self.source) in VALUES)
+        return self.values is not None or (self.tiles is None and is_patches(self.source))
 
     def placed_in(self, arena: Arena, seed: int, run: int) -> Floor:
         """Return the floor of ``run`` in an arena: a fixed floor, or the random floor of (seed, run).
@@ -161,39 +155,33 @@ class FloorField(FrozenModel):
         """
         # With redraw = "study" all runs share the floor of run 0.
         run = run if self.redraw == "run" else 0
-        tiles, name = self.tiles_for(seed, run)
-        rows, columns = tiles.shape
+        levels = self.levels_for(seed, run)
+        rows, columns = levels.shape
         width_m, height_m = (
             self.tile_width_m or arena.width_m / columns,
             self.tile_height_m or arena.height_m / rows,
         )
-        plain = Floor(tiles, width_m, height_m, self.left_m, self.bottom_m, name)
-        if not self.has_surface:
-            return plain
-        box_m = plain.box_within(*arena.size_m)
-        surface = (
-            surface_of(self.source, tiles.shape, box_m, seed, run)
-            if self.values is None
-            else Surface(values=steps_of(self.values))
-        )
-        return replace(plain, surface=surface)
+        floor = Floor(levels, width_m, height_m, self.left_m, self.bottom_m, self.source)
+        if not (self.is_named and is_patches(self.source)):
+            return floor
+        patches = named_patches(self.source, floor.box_within(*arena.size_m), seed, run)
+        return replace(floor, patches=patches)
 
-    def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
-        """Return the tiles of (seed, run) (uint8, (rows, columns), kinds, top row first), and the floor's name.
+    def levels_for(self, seed: int, run: int) -> NDArray[Any]:
+        """Return the levels of the tiles of (seed, run), (rows, columns), top row first.
 
         ``redraw`` has no effect here: if it is "study", ``placed_in`` requests run 0 for every run.
 
         Raises:
             InputError: ``tiles`` is not a grid of kinds, or ``source`` names no floor.
         """
-        if self.values is not None:
-            if self.tiles is not None:
-                raise InputError("give either tiles or values", field="floor.values")
-            return kinds_of(steps_of(self.values)), self.source
-        if self.tiles is not None:
-            with named("floor.tiles"):
-                return as_tiles([[int(tile, 16) for tile in row] for row in self.tiles]), self.source
-        return named_tiles(self.source, self.rows, self.columns, seed, run), self.source
+        if self.values is not None and self.tiles is not None:
+            raise InputError("give either tiles or values", field="floor.values")
+        given = self.values or [[int(tile, 16) for tile in row] for row in self.tiles or ()]
+        if given:
+            with named("floor.tiles" if self.values is None else "floor.values"):
+                return as_levels(given)
+        return named_tiles(self.source, self.rows, self.columns, seed, run)
 
 
 class Swarm(FrozenModel):

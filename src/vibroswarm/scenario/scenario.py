@@ -23,8 +23,8 @@ from vibroswarm.core.numbers import count, stated
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, in_file, nearest, plain_value, shown, whole_number_of
-from vibroswarm.floors.floor import Floor, rows_of
-from vibroswarm.floors.source import beside, family, is_generated, resolve, values_in
+from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.source import beside, family, fields_of_file, is_generated
 from vibroswarm.scenario import plugins, validation
 from vibroswarm.scenario.choices import Choice, field_error
 from vibroswarm.scenario.fields import Sections
@@ -378,11 +378,8 @@ def _read_floor_file(values: dict[str, Any], folder: Path) -> None:
     # If the folder has no such file, the source is taken as a path from the working directory; ``resolve`` raises the
     # error if there is no such file either.
     file = beside(source, folder)
-    if (found := values_in(file, shape)) is not None:
-        floor["values"], floor["source"] = found
-    else:
-        grid, floor["source"] = resolve(file, shape, threshold=floor.get("image_threshold"))
-        floor["tiles"] = rows_of(grid)
+    found = fields_of_file(file, shape, floor.get("image_threshold"))  # type: ignore[arg-type]
+    floor.update({name: value for name, value in found.items() if value is not None})
 
 
 def _no_such_field(name: str) -> InputError:

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
-from vibroswarm.floors.surfaces import VALUES, kind_of_name
 from vibroswarm.scenario.fault_fields import OF_TWO_KINDS, check_faults
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.sensors.confusion import check_rates
@@ -174,7 +173,7 @@ def _options_without_law(s: Sections) -> list[str]:
     names: list[str] = []
     if not model.scales:
         names += ["tile_spread", "robot_spread"]
-    if model.sense is not None or is_of_many or s.floor.has_values:
+    if model.sense is not None or is_of_many or s.floor.values is not None:
         names += ["edge_reach_m", "edge_blur_m"]
     fields = [f"sensor.{name}" for name in names if getattr(sensor, name)]
     if (model.sense is not None or is_of_many) and s.faults.biased:
@@ -187,7 +186,7 @@ def _check_floor(s: Sections) -> None:
     floor, sensor, model = s.floor.placed_in(s.arena, 0, 0), s.sensor, s.sensor.entry
     left, bottom, right, top = floor.box_within(*s.arena.size_m)
     _refuse(left >= right or bottom >= top, "floor.left_m", "the floor lies outside the arena")
-    most = int(floor.tiles.max())
+    most = int(floor.levels.max())
     _refuse(
         most >= sensor.kinds,
         "floor.source" if s.floor.tiles is None else "floor.tiles",
@@ -250,8 +249,7 @@ def _check_change(s: Sections) -> None:
     """Refuse changes to what is no floor of this size or of the sensor's kinds, and robots not asked about them."""
     change, params, asks = s.change, s.strategy.params, s.task.entry
     if change.is_given:
-        is_surface = s.floor.has_surface or any(kind_of_name(to) in VALUES for _, to in change.steps())
-        _refuse(is_surface, "change", "is defined for kinds of tile, not for patches and values")
+        _refuse(s.floor.has_surface, "change", "is defined for kinds of tile, not for patches and values")
         floor = s.floor.placed_in(s.arena, 0, 0)  # seed 0, run 0: sizes and kinds are those of all runs
         kind = change.changes(floor, s.arena.size_m, math.inf, 0, 0).kind if change.at_s else ()
         kinds = max(len(change.shares or ()), 1 + max(kind, default=0))

@@ -3,6 +3,7 @@
 | name | symbol | unit | meaning |
 |---|---|---|---|
 | kind | - | 0 to 15 | what lies under the robot, such as 0 still and 1 vibrating |
+| level | - | 0 to 15 | a kind, or a contrast between the kinds 0 and 1, which is no whole number |
 | value | E | the sensor's own | what a sample measures |
 | u | u | (0, 1) | the sample's uniform number: the value is the quantile u of the kind's law |
 | reading | O | 0 to 15 | the class that the robot takes the value for |
@@ -55,7 +56,7 @@ from vibroswarm.core.jit import read_only
 from vibroswarm.core.registry import Registry
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniforms
 from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import CodeError, InputError, shown
+from vibroswarm.errors import CodeError
 from vibroswarm.floors.floor import Place
 from vibroswarm.floors.surfaces import mixed
 from vibroswarm.strategies.base import Plugin
@@ -72,8 +73,6 @@ TRIED: Final = (np.arange(1000) + 0.5) / 1000
 """Uniform numbers at which it is seen whether readings rise."""
 Values = NDArray[np.float64]
 """Measured values, of any shape."""
-OTHER_COLUMNS: Final = frozenset({"run", "robot", "sample", "tile", "energy", "observation"})
-"""Columns of the table of observations beside those of the numbers beyond the first."""
 STUDY_GRID: Final = Place(rows=5, columns=5, width_m=0.2, height_m=0.2, left_m=0.0, top_m=1.0)
 """Grid of the study's floors, on which the laws of sensors that depend on the place are found if no other is known."""
 REFERENCE_RUNS: Final = 400
@@ -141,19 +140,8 @@ class SensorModel(Plugin):
     numbers: Callable[[Any], tuple[str, ...]] = lambda p: ("energy",)
 
     def __post_init__(self) -> None:
-        """Check the name and the functions, and replace the class of parameters (``Plugin``).
-
-        Raises:
-            InputError: the name is invalid, or ``measure`` (or ``sense``) or ``reading`` (or ``class_of``) is not a
-                function or draws random numbers of its own.
-        """
+        """Check the name and that no function draws random numbers of its own, and replace the class of parameters."""
         super().__post_init__()
-        for part, function in {
-            "measure": self.measure or self.sense,
-            "reading": self.reading or self.class_of,
-        }.items():
-            if not callable(function):
-                raise InputError(f"has no function {part}", field=f"sensor '{self.name}'")
         # ``sense`` may have a generator of its own, which it seeds by the address of chance that it is given.
         refuse_chance((self.measure, self.reading, self.class_of, self.likelihood), "use u, of measure")
 
@@ -161,97 +149,71 @@ class SensorModel(Plugin):
         """Return the number of kinds of tile, or of classes of readings.
 
         Raises:
-            CodeError: it is no whole number from 2 to ``MOST_KINDS``, or the user's function raised an error.
+            CodeError: it is not from 2 to ``MOST_KINDS``, or the user's function raised an error.
         """
-        with errors_in(self.code):
-            count = getattr(self, what)(p)
-        if type(count) is not int or not 2 <= count <= MOST_KINDS:
-            raise self._returned(what, count, f"a whole number from 2 to {MOST_KINDS}")
-        return count
+        count = self._call(what, p, is_right=lambda count: (count >= 2) & (count <= MOST_KINDS))
+        return int(count)
 
     def names_of_numbers(self, p: BaseModel) -> tuple[str, ...]:
-        """Return the names of the numbers of a value.
-
-        Raises:
-            CodeError: they are not 1 to ``MOST_NUMBERS`` different names, or those of other columns, or the user's
-                function raised an error.
-        """
+        """Return the names of the numbers of a value."""
         with errors_in(self.code):
-            names = tuple(self.numbers(p))
-        if not 1 <= len(set(names)) == len(names) <= MOST_NUMBERS or not OTHER_COLUMNS.isdisjoint(names[1:]):
-            taken = ", ".join(sorted(OTHER_COLUMNS))
-            raise self._returned(
-                "numbers", names, f"1 to {MOST_NUMBERS} different names, but none of {taken}"
-            )
-        return names
+            return tuple(self.numbers(p))
+
+    def _call(
+        self, part: str, *arguments: Any, is_right: Callable[[Values], NDArray[np.bool_]] = np.isfinite
+    ) -> Values:
+        """Return what one of the functions returns for read-only arguments, or refuse it."""
+        given = [read_only(each) if isinstance(each, np.ndarray) else each for each in arguments]
+        with errors_in(self.code):
+            found = np.asarray(getattr(self, part)(*given), dtype=np.float64)
+        if not is_right(found).all():
+            raise CodeError(f"sensor '{self.name}', {part}: returned {found[~is_right(found)].flat[0]:g}")
+        return found
 
     def densities(self, kind: int, value: Values, p: BaseModel) -> Values:
-        """Return the likelihood of values on a kind of tile, in the shape of ``value``.
+        """Return the likelihood of values on a kind of tile, in the shape of ``value``; of ``sense``, one for each row.
 
         Args:
-            value: of ``sense``, (samples, numbers), a likelihood for each row; nan where a number is not known.
+            value: of ``sense``, (samples, numbers); nan where a number is not known.
         Raises:
-            InputError: the sensor states none.
-            CodeError: ``likelihood`` returned another shape, or what is no density.
+            CodeError: ``likelihood`` returned what is no density.
         """
-        if self.likelihood is None:
-            raise InputError(
-                f"sensor '{self.name}' states no likelihood, which is needed here", field="sensor.model"
-            )
-        return self._densities("likelihood", kind, value, p)
+        return self._call("likelihood", kind, value, p, is_right=_is_density)
 
     def densities_at(self, contrast: float, value: Values, p: BaseModel) -> Values:
-        """Return the likelihood of values at a contrast between the kinds 0 and 1; raises as ``densities``.
+        """Return the likelihood of values at a contrast between the kinds 0 and 1.
 
         It is what the sensor states (``likelihood_at``); else it follows from the quantiles of both kinds, in steps
         between those at ``_contrast_levels``, and is 0 beyond them.
         """
         if self.likelihood_at is not None:
-            return self._densities("likelihood_at", contrast, value, p)
+            return self._call("likelihood_at", contrast, value, p, is_right=_is_density)
         u = _contrast_levels()
         still, vibrating = (self.values(kind, u, p).astype(np.float32).astype(float) for kind in (0, 1))
         quantile = mixed(still, vibrating, contrast)
         density = np.diff(u) / np.maximum(np.diff(quantile), 1e-9)
         return np.interp(value, 0.5 * (quantile[1:] + quantile[:-1]), density, left=0.0, right=0.0)
 
-    def _densities(self, part: str, of: float, value: Values, p: BaseModel) -> Values:
-        with errors_in(self.code):
-            density = np.asarray(getattr(self, part)(of, read_only(value), p), dtype=np.float64)
-        wanted = "one number of at least 0 for each value"
-        return self._checked(part, density, self._one_for_each(value), density >= 0.0, wanted)
-
-    def values(self, kind: int, u: Values, p: BaseModel) -> Values:
-        """Return what samples measure on a kind of tile, in the shape of ``u``.
+    def values(self, level: float, u: Values, p: BaseModel) -> Values:
+        """Return what samples measure at a level, in the shape of ``u``.
 
         Args:
-            u: uniform numbers in (0, 1). p: the parameters.
+            level: a kind of tile, or a contrast between the kinds 0 and 1. u: uniform numbers in (0, 1).
         Raises:
-            CodeError: ``measure`` raised an error, or returned another shape, or values that are not finite.
+            CodeError: ``measure`` raised an error, or returned values that are not finite.
         """
+        if level % 1.0:
+            return mixed(self.values(0, u, p), self.values(1, u, p), level)
         if self.measure is None:
-            return np.quantile(self.reference_values(p)[kind][:, 0], u)
-        with errors_in(self.code):
-            values = np.asarray(self.measure(kind, read_only(u), p), dtype=np.float64)
-        return self._checked(
-            "measure", values, u.shape, np.isfinite(values), "one finite number for each of u"
-        )
+            return np.quantile(self.reference_values(p)[int(level)][:, 0], u)
+        return self._call("measure", int(level), u, p)
 
     def sensed(self, samples: Samples, p: BaseModel) -> Values:
         """Return what ``sense`` measures at samples of one run, (samples, numbers).
 
         ``sense`` is given read-only arrays, whoever made them, so that a kernel that it calls is compiled once.
-
-        Raises:
-            CodeError: ``sense`` returned another shape, or numbers that are not finite.
         """
-        assert self.sense is not None
-        given: list[Any] = [read_only(each) if isinstance(each, np.ndarray) else each for each in samples]
-        with errors_in(self.code):
-            values = np.asarray(self.sense(Samples(*given), p), dtype=np.float64)
-        shape = (samples.x_m.size, len(self.names_of_numbers(p)))
-        return self._checked(
-            "sense", values, shape, np.isfinite(values), f"finite numbers of the shape {shape}"
-        )
+        return self._call("sense", with_read_only(samples), p)
 
     def reference_values(self, p: BaseModel) -> tuple[Values, ...]:
         """Return what samples at reference places measure, by kind of the tile below: (samples, numbers) each.
@@ -262,58 +224,23 @@ class SensorModel(Plugin):
         return _reference_values(self, p, getattr(p, "place", STUDY_GRID))
 
     def at_place(self, p: Any, place: Place | None) -> Any:
-        """Return parameters with the grid of the floors on which the laws of ``sense`` are found, as ``place``.
-
-        Args:
-            p: the parameters. place: None: not known.
-        """
-        if self.sense is None or place is None:
-            return p
-        return p.model_copy(update={"place": place})
-
-    def values_at(self, contrast: Values | float, u: Values, p: BaseModel) -> Values:
-        """Return what samples measure at a contrast between the kinds 0 and 1 (``floors.surfaces``), in the shape of u.
-
-        Args:
-            contrast: one, or one for each of ``u``. u: uniform numbers in (0, 1). p: the parameters.
-        """
-        return mixed(self.values(0, u, p), self.values(1, u, p), contrast)
+        """Return parameters with the grid of the floors on which the laws of ``sense`` are found, as ``place``."""
+        return p if self.sense is None or place is None else p.model_copy(update={"place": place})
 
     def classes(self, value: Values, p: BaseModel) -> NDArray[np.int64]:
         """Return the readings of values, in the shape of ``value``; of ``sense``, one for each row.
 
         Raises:
-            CodeError: ``reading`` (or ``class_of``) raised an error, or returned another shape, or classes that do not
-                exist.
+            CodeError: ``reading`` (or ``class_of``) raised an error, or returned classes that do not exist.
         """
         count = self.number_of("readings", p)
-        with errors_in(self.code):
-            classes = np.asarray(self._read(value, p), dtype=np.float64)
-        is_class = (classes >= 0) & (classes < count) & (classes == np.floor(classes))
-        wanted = f"a class from 0 to {count - 1} for each value"
-        part = "reading" if self.class_of is None else "class_of"
-        return self._checked(part, classes, self._one_for_each(value), is_class, wanted).astype(np.int64)
+        part, given = ("reading", value) if self.class_of is None else ("_class_of_rows", value.tolist())
+        found = self._call(part, given, p, is_right=lambda c: (c >= 0) & (c < count) & (c == np.floor(c)))
+        return found.astype(np.int64)
 
-    def _read(self, value: Values, p: BaseModel) -> Any:
-        """Return what the file says of values: all at once, or row by row."""
-        if self.class_of is not None:
-            return [self.class_of(row, p) for row in value.tolist()]
-        assert self.reading is not None
-        return self.reading(read_only(value), p)
-
-    def _one_for_each(self, value: Values) -> tuple[int, ...]:
-        return value.shape if self.sense is None else value.shape[:1]
-
-    def _checked(
-        self, part: str, values: Values, shape: tuple[int, ...], is_right: NDArray[np.bool_], wanted: str
-    ) -> Values:
-        """Return what one of the functions returned, or refuse it: wrong values give wrong readings."""
-        if values.shape != shape or not is_right.all():
-            raise self._returned(part, values if is_right.all() else values[~is_right][0].item(), wanted)
-        return values
-
-    def _returned(self, part: str, value: object, wanted: str) -> CodeError:
-        return CodeError(f"sensor '{self.name}', {part}: returned {shown(value)}; return {wanted}")
+    def _class_of_rows(self, rows: list[list[float]], p: BaseModel) -> list[int]:
+        assert self.class_of is not None
+        return [self.class_of(row, p) for row in rows]
 
     def shares_up_to(self, kind: int, factors: Values, p: BaseModel) -> Values:
         """Return the share of samples whose reading is at most j, for each class j but the last.
@@ -326,50 +253,32 @@ class SensorModel(Plugin):
         Raises:
             CodeError: the reading falls as u grows.
         """
-        if factors.tolist() == [1.0]:
-            return _shares_of_values(
-                self, kind, p, getattr(p, "rms_threshold", None), getattr(p, "place", None)
-            )
-        return self._shares_of(kind, factors, p)
-
-    def _shares_of(self, kind: int, factors: Values, p: BaseModel) -> Values:
-        """Compute ``shares_up_to``."""
-        if self.measure is None:
-            count = self.number_of("readings", p)
-            classes = self.classes(self.reference_values(p)[kind], p)
-            below = np.array([np.count_nonzero(classes < j) + 0.5 * j for j in range(1, count)])
-            return np.tile(below / (classes.size + 0.5 * count), (factors.size, 1))
-        # ``check_sensor`` looks more closely; here what would make readings and values of a run contradict each other.
-        if (np.diff(self.classes(self.values(kind, TRIED, p), p)) < 0).any():
-            raise CodeError(
-                f"sensor '{self.name}': the reading falls as u grows; see the protocol of sensors"
-            )
-        return self._shares_up_to(lambda u: self.values(kind, u, p) * factors, factors.shape, p)
+        # Threshold and place are no fields of ``p``, so parameters compare equal without them.
+        beside = getattr(p, "rms_threshold", None), getattr(p, "place", None)
+        return _shares_up_to(self, kind, tuple(factors.tolist()), p, beside)
 
     def shares_at(self, contrasts: Values, factors: Values, p: BaseModel) -> Values:
-        """Return the same at contrasts between the kinds 0 and 1, (rows, contrasts, readings - 1).
+        """Return the same at contrasts between the kinds 0 and 1, (rows, contrasts, readings - 1)."""
 
-        Args:
-            contrasts: (contrasts,). factors: (rows,): the values are multiplied by these.
-        """
-        shape = factors.size, contrasts.size
-        level = np.broadcast_to(contrasts, shape)
-        return self._shares_up_to(lambda u: self.values_at(level, u, p) * factors[:, None], shape, p)
+        def measured(u: Values) -> Values:
+            return mixed(self.values(0, u, p), self.values(1, u, p), contrasts) * factors[:, None]
 
-    def _shares_up_to(
-        self, measured: Callable[[Values], Values], shape: tuple[int, ...], p: BaseModel
-    ) -> Values:
+        return self.shares_of(measured, (factors.size, contrasts.size), p)
+
+    def shares_of(self, measured: Callable[[Values], Values], shape: tuple[int, ...], p: BaseModel) -> Values:
         """Return the largest u whose reading is below each class but 0, found by bisection to the last bit."""
-        shares = []
-        for border in range(1, self.number_of("readings", p)):
-            low, high = np.full(shape, 2.0**-53), np.full(shape, 1.0 - 2.0**-53)
-            low_is_below, high_is_below = (self.classes(measured(end), p) < border for end in (low, high))
-            for _ in range(64):  # each halves the interval; doubles in (0, 1) are 2^-53 apart at most
-                middle = 0.5 * (low + high)
-                is_below = self.classes(measured(middle), p) < border
-                low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
-            shares.append(np.where(high_is_below, 1.0, np.where(low_is_below, low, 0.0)))
-        return np.stack(shares, axis=-1)
+        borders = range(1, self.number_of("readings", p))
+        return np.stack([self._share_below(measured, shape, border, p) for border in borders], axis=-1)
+
+    def _share_below(
+        self, measured: Callable[[Values], Values], shape: tuple[int, ...], border: int, p: BaseModel
+    ) -> Values:
+        def is_below(u: Values) -> NDArray[np.bool_]:
+            return self.classes(measured(u), p) < border
+
+        ends = np.full(shape, 2.0**-53), np.full(shape, 1.0 - 2.0**-53)
+        found, _ = halved(*ends, is_below)
+        return np.where(is_below(ends[1]), 1.0, np.where(is_below(ends[0]), found, 0.0))
 
     def class_borders(self, p: BaseModel) -> Values:
         """Return the least values that read as class 1, 2 and so on, (classes - 1,); inf if nothing measured does.
@@ -379,27 +288,46 @@ class SensorModel(Plugin):
         measured = np.unique([self.values(kind, TRIED, p) for kind in range(self.number_of("kinds", p))])
         borders = np.arange(1, self.number_of("readings", p))
         first = np.searchsorted(self.classes(measured, p), borders)
-        low, high = measured[np.maximum(first - 1, 0)], measured[np.minimum(first, measured.size - 1)]
-        for _ in range(64):
-            middle = 0.5 * (low + high)
-            is_below = self.classes(middle, p) < borders
-            low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
+        ends = measured[np.maximum(first - 1, 0)], measured[np.minimum(first, measured.size - 1)]
+        _, high = halved(*ends, lambda value: self.classes(value, p) < borders)
         return np.where(first == 0, -np.inf, np.where(first == measured.size, np.inf, high))
 
 
-@lru_cache(maxsize=256)
-def _shares_of_values(
-    model: SensorModel, kind: int, p: BaseModel, threshold: float | None, place: Place | None
-) -> Values:
-    """Return ``SensorModel.shares_up_to`` with the factor 1; cached, because every run needs them.
+def with_read_only(samples: Samples) -> Samples:
+    """Return samples whose arrays are read-only, so that kernels are compiled once."""
+    return Samples._make(read_only(each) if isinstance(each, np.ndarray) else each for each in samples)
 
-    Args:
-        threshold, place: those of ``p`` (``has_threshold``, ``at_place``). They are no fields of it, so parameters
-            compare equal without them.
-    """
-    shares = model._shares_of(kind, np.ones(1), p)
-    shares.setflags(write=False)
-    return shares
+
+def halved(
+    low: Values, high: Values, is_below: Callable[[Values], NDArray[np.bool_]]
+) -> tuple[Values, Values]:
+    """Return the ends of intervals after 64 halvings, which leave no double in between, towards where it turns."""
+    for _ in range(64):
+        middle = 0.5 * (low + high)
+        below = is_below(middle)
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return low, high
+
+
+def _is_density(density: Values) -> NDArray[np.bool_]:
+    return density >= 0.0
+
+
+@lru_cache(maxsize=256)
+def _shares_up_to(
+    model: SensorModel, kind: int, factors: tuple[float, ...], p: BaseModel, beside: tuple[Any, ...]
+) -> Values:
+    """Return ``SensorModel.shares_up_to``; cached, because every run needs them."""
+    if model.measure is None:
+        count = model.number_of("readings", p)
+        classes = model.classes(model.reference_values(p)[kind], p)
+        below = np.array([np.count_nonzero(classes < j) + 0.5 * j for j in range(1, count)])
+        return read_only(np.tile(below / (classes.size + 0.5 * count), (len(factors), 1)))
+    # ``check_sensor`` looks more closely; here what would make readings and values of a run contradict each other.
+    if (np.diff(model.classes(model.values(kind, TRIED, p), p)) < 0).any():
+        raise CodeError(f"sensor '{model.name}': the reading falls as u grows; see the protocol of sensors")
+    strengths = np.array(factors)
+    return read_only(model.shares_of(lambda u: model.values(kind, u, p) * strengths, strengths.shape, p))
 
 
 def _contrast_levels() -> Values:

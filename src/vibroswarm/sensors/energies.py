@@ -60,13 +60,11 @@ def share_at_most(kind: int, thresholds: Values, p: Any) -> Values:
     return np.asarray(np.searchsorted(energies, thresholds, side="right") / energies.size)
 
 
-def likelihood(kind: int, value: Values, p: Any) -> Values:
-    """Return the density of energies on a kind of tile, by a kernel; it is positive everywhere."""
-    return likelihood_at(float(kind), value, p)
-
-
 def likelihood_at(contrast: float, value: Values, p: Any) -> Values:
-    """Return the density of energies at a contrast: of those between the energies of both kinds at equal quantiles."""
+    """Return the density of energies at a contrast, 0 and 1 for the kinds, by a kernel; it is positive everywhere.
+
+    It is that of energies between the energies of both kinds at equal quantiles.
+    """
     return _density_at(contrast, tuple(p.still_energies), tuple(p.vibrating_energies))(value)
 
 
@@ -75,19 +73,13 @@ def _density_at(
     contrast: float, still: tuple[float, ...], vibrating: tuple[float, ...]
 ) -> Callable[[Values], Values]:
     """Return the density at a contrast; cached, also of many laws: every factor and every table needs it again."""
-    kinds, scale = _kinds_of(still, vibrating)
+    kinds = [np.sort(np.array(energies)) for energies in (still, vibrating)]
+    scale = scale_of(kinds)  # which densities at all contrasts share
     if contrast in (0.0, 1.0):
         return density_of(kinds[int(contrast)], scale)
     u = (np.arange(len(vibrating)) + 0.5) / len(vibrating)
     off, on = (energies[(u * energies.size).astype(np.int64)] for energies in kinds)
     return density_of(mixed(off, on, contrast), scale)
-
-
-@lru_cache(maxsize=4)
-def _kinds_of(still: tuple[float, ...], vibrating: tuple[float, ...]) -> tuple[list[Values], Scale]:
-    """Return the sorted energies of both kinds and their scale, which densities at all contrasts share."""
-    kinds = [np.sort(np.array(energies)) for energies in (still, vibrating)]
-    return kinds, scale_of(kinds)
 
 
 class Scale(NamedTuple):
@@ -189,7 +181,7 @@ energies = register(
         measure=measure,
         reading=above_threshold,
         share_at_most=share_at_most,
-        likelihood=likelihood,
+        likelihood=likelihood_at,
         likelihood_at=likelihood_at,
         check=check,
         in_section=True,

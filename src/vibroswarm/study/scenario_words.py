@@ -17,9 +17,9 @@ from typing import Any, Final, TypedDict, Unpack
 from vibroswarm import strategies, tasks
 from vibroswarm.core.numbers import listed
 from vibroswarm.errors import InputError, nearest, shown
-from vibroswarm.floors.floor import rows_of, sides_inside
+from vibroswarm.floors.floor import sides_inside
 from vibroswarm.floors.io import check_threshold, is_picture, parse_tiles
-from vibroswarm.floors.source import family, is_generated, resolve, values_in
+from vibroswarm.floors.source import family, fields_of_file, is_generated, resolve
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.change_fields import change_warnings
@@ -322,11 +322,9 @@ def _floor_values(
         spec = base.floor.source
     if is_generated(spec) and size is None:
         size = (base.floor.rows, base.floor.columns)
-    if (found := values_in(spec, size)) is not None:
-        return {"floor.source": found[1], "floor.tiles": None, "floor.values": found[0]}
     # A random floor is drawn when it is simulated: here, only the size of its grid counts.
-    grid, name = resolve(spec, size, threshold=threshold)
     if is_generated(spec):
+        grid, _ = resolve(spec, size)
         return {
             "floor.source": spec,
             "floor.tiles": None,
@@ -334,8 +332,10 @@ def _floor_values(
             "floor.rows": grid.shape[0],
             "floor.columns": grid.shape[1],
         }
-    rows = rows_of(grid) if family(spec) is None else None
-    return {"floor.source": name, "floor.tiles": rows, "floor.values": None}
+    found = fields_of_file(spec, size, threshold)
+    if family(spec) is not None:
+        found["tiles"] = None
+    return {f"floor.{name}": value for name, value in found.items()}
 
 
 def warnings_of(scenario: Scenario) -> list[str]:

@@ -36,8 +36,7 @@ from vibroswarm.errors import (
     shown,
     whole_number_of,
 )
-from vibroswarm.floors.floor import rows_of
-from vibroswarm.floors.source import beside, family, is_generated, resolve, values_in
+from vibroswarm.floors.source import beside, family, fields_of_file, is_generated
 from vibroswarm.motion.source import source
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
@@ -527,10 +526,8 @@ class Study:
         rows, columns = floor_section.get("rows"), floor_section.get("columns")
         shape = (rows, columns) if isinstance(rows, int) and isinstance(columns, int) else None
         file = beside(name, self.folder or Path())
-        values = values_in(file, shape)
-        if values is not None:
-            return values[0]
-        return rows_of(resolve(file, shape, threshold=floor_section.get("image_threshold"))[0])
+        fields = fields_of_file(file, shape, floor_section.get("image_threshold"))
+        return fields["tiles"] or fields["values"]
 
     @property
     def _sections(self) -> Mapping[str, Any]:

@@ -16,11 +16,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field
 
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.tasks.base import Asked, Task, register
 from vibroswarm.tasks.fill_ratio import ON_THE_BOUNDARY
 
@@ -43,8 +41,8 @@ class Params:
 def truth(floor: Floor, asked: Asked, p: Any) -> int:
     """Return 1 if more than ``p.more_than`` of the floor is of another kind than at ``asked.start``, else 0."""
     start = floor if asked.start is None else asked.start
-    # PLAIN: the tiles are 1 where the floor differs, whatever values or patches it has.
-    differs = replace(floor, tiles=(floor.tiles != start.tiles).astype(np.uint8), surface=PLAIN)
+    # 1 where the floor differs, whatever contrasts or patches it has
+    differs = replace(floor, levels=floor.tiles != start.tiles, patches=())
     return int(differs.share_within(1, asked.width_m, asked.height_m) - p.more_than > ON_THE_BOUNDARY)
 
 

@@ -12,7 +12,6 @@ from typing import Any, Final
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.tasks.base import Asked, Task, register
 
 TIE: Final = 1e-12
@@ -28,7 +27,7 @@ def truth(floor: Floor, asked: Asked, p: Any) -> int | None:
 
 def check(floor: Floor, asked: Asked, p: Any) -> None:
     """Refuse floors of values and patches, which are contrasts between two kinds."""
-    if floor.surface is not PLAIN:
+    if floor.has_contrasts or floor.patches:
         raise InputError("floors of values or patches have no kinds; choose fill_ratio", field="task.name")
 
 

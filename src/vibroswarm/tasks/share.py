@@ -36,7 +36,7 @@ def estimated(p: Any) -> str:
 
 def check(floor: Floor, asked: Asked, p: Any) -> None:
     """Refuse floors whose tiles have values, of which none or all vibrate."""
-    if floor.surface.values is not None:
+    if floor.has_contrasts:
         raise InputError(
             "'share' needs tiles that vibrate or not, and these have values; choose mean", field="task.name"
         )
