@@ -58,8 +58,7 @@ from vibroswarm.optimize.objective import Rows
 from vibroswarm.optimize.spec import Search, differences
 from vibroswarm.result import code_files, write_code
 from vibroswarm.simulation import versions
-from vibroswarm.study.executors import check_begun_by
-from vibroswarm.study.registered_code import check_registered, registered_code
+from vibroswarm.study.store import different_versions, registered_sources
 
 SEARCH: Final = "search.toml"
 """File with the definition of the search."""
@@ -197,7 +196,7 @@ class SearchFolder:
 
     def _make(self) -> None:
         """Write the files of a new search; the manifest last, since a folder with one counts as a search."""
-        made_by = versions() | registered_code(*self.search.code_used)
+        made_by = versions() | registered_sources(*self.search.code_used[:3])
         manifest = manifest_text("search", hash=self.search.hash, versions=made_by)
         write_code(self.folder, *self.search.code_used)
         write_files(self.folder, {SEARCH: self._text, MANIFEST: manifest})
@@ -234,9 +233,14 @@ class SearchFolder:
                 f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
                 field=str(self.folder),
             )
-        check_registered([manifest["versions"]], self.folder, *search.code_used)
-        if not mixed:
-            check_begun_by(manifest["versions"], self.folder)
+        theirs = manifest["versions"]
+        changed = [
+            name for name, now in registered_sources(*search.code_used[:3]).items() if theirs.get(name) != now
+        ]
+        if changed:
+            raise InputError(f"its runs were made with another {changed[0]}", field=str(self.folder))
+        if not mixed and (different := different_versions(theirs)):
+            raise InputError(f"was begun by other versions ({different})", field=str(self.folder))
 
 
 def saved_search(folder: Path) -> Search:

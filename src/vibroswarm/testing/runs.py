@@ -22,7 +22,7 @@ from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
-from vibroswarm.study.executors import workers_for
+from vibroswarm.study.run import pool_for
 from vibroswarm.testing.plain_reference import PlainRun, plain_run
 
 
@@ -103,7 +103,7 @@ def same_elsewhere(kind: str, pieces_of: Callable[[str], Pieces], name: str) -> 
     if not texts:
         return
     here = {words: compute() for words, compute in pieces_of(name).items()}
-    with workers_for("processes", 1) as workers:
+    with pool_for("processes", 1) as workers:
         there = workers.executor.submit(_computed_backwards, pieces_of, name, texts).result()
     yield from (
         f"{words}: another process, which computes in the opposite order, has another result"
