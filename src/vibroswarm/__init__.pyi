@@ -17,3 +17,4 @@ from .simulation import replay as replay
 from .simulation import simulate as simulate
 from .study.runs import Runs as Runs
 from .study.spec import Study as Study
+from .study.summary import outcome_of as outcome_of

@@ -25,7 +25,7 @@ from vibroswarm.scenario.plugins import load_file
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
 from vibroswarm.strategies.base import forget
-from vibroswarm.study.scenario_words import warnings_of
+from vibroswarm.study.options import warnings_of
 from vibroswarm.study.spec import Study
 from vibroswarm.testing import plain_run
 from vibroswarm.testing.runs import differences
@@ -182,7 +182,7 @@ def test_runs_are_what_they_are_in_any_order_alone_and_in_studies() -> None:
     told = study.run()
     for cell in study.cells:
         apart = simulate(cell.scenario, 8, [0, 1]).robots
-        of_study = told.robots(cell.number)
+        of_study = told.tables(cell)[0]
         for name in ("decision", "samples", "messages_received"):
             assert of_study[name].to_list() == apart[name].to_list()
 

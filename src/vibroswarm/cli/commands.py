@@ -135,8 +135,6 @@ RENAMED: Final = {
 }
 """Older words of commands, and the words in their place."""
 RENAMED_OPTIONS: Final = {
-    ("optimize", "--check"): "vibroswarm optimize compare FIRST SECOND",
-    ("optimize", "--against"): "vibroswarm optimize compare FIRST SECOND",
     ("optimize", "--sensitivity"): "vibroswarm optimize sensitivity",
 }
 """Older options of a command, and what is in their place."""

@@ -124,6 +124,7 @@ def run_parts(study: Study, execution: Parts, output: Saved, command: str = "eva
 
     shard = None if execution.shard is None else Shard.parse(execution.shard)
     refuse(shard is not None and output.out is None, "--shard", "needs --out DIR")
+    refuse(shard is not None and study.until is not None, "--shard", "needs a number of runs")
     claim_study(output, study)
     warn_of(cell.scenario for cell in study.cells)
     print_plan(study)

@@ -297,17 +297,19 @@ def _made_by(search: Search, made_by: Sequence[Mapping[str, str]]) -> dict[str, 
     }
 
 
-def commands(file: str, against: str, options: str = "") -> dict[str, str]:
+def commands(file: str, against: str) -> dict[str, str]:
     """Return the commands that run ``best.toml``, compare it with a preset on other runs, and repeat the search.
 
     Args:
-        file: the file of the search or grid; if it is empty, only the first command is returned: the others need it.
-        against: the preset. options: of the command that repeats it, with a space before each.
+        file: the file of the search; if it is empty, only the first command is returned: the others need it.
+        against: the preset.
     """
     run = {"one run of the best, in this folder": "vibroswarm run --scenario best.toml"}
-    check = f"vibroswarm optimize compare best.toml {against} --search {file}"
-    again = f"vibroswarm optimize {file}{options} --out ."
-    more = {"scored once more on other runs, in pairs, twice": check, "to repeat, in this folder": again}
+    check = f"vibroswarm evaluate best.toml {against}"
+    more = {
+        "compared with a preset, run by run": check,
+        "to repeat, in this folder": f"vibroswarm optimize {file} --out .",
+    }
     return run | (more if file else {})
 
 

@@ -184,11 +184,11 @@ def fields_as_text(texts: Mapping[str, str]) -> str:
     return ", ".join(v if k in PLAIN else f"{k.rpartition('.')[2]} {v}" for k, v in texts.items())
 
 
-def value_as_text(value: Any) -> str:
+def value_as_text(value: Any, digits: int = 6) -> str:
     """Write one value; of code its name, and of long lists how many values there are."""
     if plugins.is_code(value):
         return plugins.name_in(value)
-    text = number(value, digits=6) if isinstance(value, float) else str(value)
+    text = number(value, digits=digits) if isinstance(value, float) else str(value)
     return text if isinstance(value, str) or len(text) <= 60 else f"{len(value)} values"
 
 

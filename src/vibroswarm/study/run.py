@@ -104,8 +104,6 @@ def run(
     """
     whole_number_of(runs, "runs", 1, MOST_RUNS)
     check_seed(seed)
-    if shard is not None and until is not None:
-        raise InputError("needs a number of runs: parts do not see each other's runs", field="--shard")
     found = opened(cells, runs, seed, motion=motion, until=until, name=name, folder=folder)
     store = found.store
     store.remove_damaged()

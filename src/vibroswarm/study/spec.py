@@ -251,6 +251,8 @@ class Study:
         """Rows of the floors that the study defines or reads from files, by name."""
         floors = {name: tuple(map(_hashable, rows_as_text(rows))) for name, rows in self.floors.items()}
         section = self._sections.get("floor", {})
+        if "tiles" in section or "values" in section:
+            section = {}
         shape: Any = (section.get("rows"), section.get("columns"))
         for one in ({f"floor.{name}": value for name, value in section.items()}, *self._points):
             name = one.get(SOURCE)

@@ -12,8 +12,10 @@ import inspect
 import io
 import json
 import re
+import shutil
 import sys
 import tempfile
+import weakref
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from itertools import pairwise
@@ -59,8 +61,10 @@ class Store:
     """
 
     def __init__(self, folder: Path | None, seed: int, motion: str) -> None:
-        self._temporary = tempfile.TemporaryDirectory(prefix="vibroswarm-") if folder is None else None
-        self.folder = Path(self._temporary.name if self._temporary else folder or "").absolute() / FOLDER
+        if folder is None:
+            folder = Path(tempfile.mkdtemp(prefix="vibroswarm-"))
+            weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.folder = folder.absolute() / FOLDER
         self.world: dict[str, Any] = {"seed": seed, "motion": motion, "code": versions()["code"]}
         self.blocks: list[Block] = []
         self.damaged: list[Path] = []
@@ -120,7 +124,9 @@ class Store:
     def remove_damaged(self) -> None:
         """Remove damaged files, so that their runs are computed again."""
         while self.damaged:
-            self.damaged.pop().unlink(missing_ok=True)
+            path = self.damaged.pop()
+            path.unlink(missing_ok=True)
+            self._seen.discard(path)
 
     def there(self, key: str, first: int, last: int) -> int:
         """Return how many of these runs of a scenario are there."""

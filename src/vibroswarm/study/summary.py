@@ -23,6 +23,7 @@ from vibroswarm.analysis.intervals import mean_interval, within
 from vibroswarm.analysis.robot_knowledge import counted, gate_unreached
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.folders import about_file
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import csv_bytes, parquet_bytes
 from vibroswarm.errors import warn_once
@@ -54,7 +55,7 @@ class CellOutcome:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(NotebookView):
     """The summary of runs."""
 
     runs: Runs
