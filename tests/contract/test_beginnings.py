@@ -7,7 +7,7 @@ import pytest
 from vibroswarm import preset
 from vibroswarm.motion.source import source
 from vibroswarm.study.batch import beginning
-from vibroswarm.study.run import groups_of
+from vibroswarm.study.runs import groups_of
 from vibroswarm.study.spec import Study
 
 RUNS = list(range(5))

@@ -16,7 +16,7 @@ from vibroswarm.scenario.fault_fields import MotionFaults
 from vibroswarm.scenario.scenario import Scenario, field_names, kind_of, value_of
 from vibroswarm.simulation import OF_MOTION
 from vibroswarm.strategies import Strategy, none
-from vibroswarm.study.run import groups_of
+from vibroswarm.study.runs import groups_of
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import key_of
 

@@ -63,7 +63,7 @@ def detection_by_hand(result: Result) -> list[float | None]:
 def test_a_study_scores_the_maps_of_its_robots(name: str) -> None:
     scenario = preset("paper").with_values({"strategy.name": name, "run.t_end_s": 200.0, "swarm.robots": 3})
     study = Study.of(scenario, runs=3, seed=4).run()
-    stored = study.figures(study.cells[0])
+    stored = study.rows(cells=study.cells[:1])
     maps = floor_maps(simulate(scenario, 4, 3)).drop_nulls("robot")
     for run in range(3):
         each = [
@@ -138,7 +138,7 @@ def test_damage_is_detected_where_there_is_some() -> None:
     """Floors with 60 % vibrating are detected in a part of the run, those with 30 % not at all."""
     base = preset("paper").with_values({"strategy.name": "places", "run.t_end_s": 600.0, "swarm.robots": 3})
     study = Study.of(base, 3, 5, floor__source=["random:0.6", "random:0.32"]).run()
-    damaged, sound = (study.figures(cell)["detection_time_s"] for cell in study.cells)
+    damaged, sound = (study.rows(cells=[cell])["detection_time_s"] for cell in study.cells)
     assert sound.null_count() == 3
     assert 60.0 < damaged.mean() < 500.0
     # Of robots that must be surer, some have not detected it at the end, which counts as the whole time.

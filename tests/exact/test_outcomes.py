@@ -371,7 +371,7 @@ def test_a_figure_is_declared_once_for_studies_leagues_and_detections(
     own = [v for v in standings.summary[figure.name][:2] if v is not None]
     assert said["figures"][0][figure.name] == pytest.approx(np.mean(own))
     assert figure.title in page
-    first, second = (standings.study.figures(standings.study.cells[k]) for k in (0, 2))
+    first, second = (standings.study.rows(cells=[standings.study.cells[k]]) for k in (0, 2))
     (paired,) = compare(first, second, (figure.name,))
     both = first.join(second, on="run", suffix="_2")
     by_hand_s = (both[figure.name] - both[f"{figure.name}_2"]).mean()

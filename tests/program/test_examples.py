@@ -15,7 +15,7 @@ from helpers.commands import json_of
 from vibroswarm import Result, Study
 from vibroswarm.cli import main
 from vibroswarm.optimize import Search
-from vibroswarm.study.run import groups_of
+from vibroswarm.study.runs import groups_of
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

@@ -80,7 +80,7 @@ def detect(
 
     with named("--fills", of="floor.source"):
         study = detection_study(base, scenario.robots, fills, runs, scenario.seed)
-    found = run_parts(study, execution, output, "detect")
+    found = run_parts(study, execution, output)
     if found is not None:  # only a shard of the runs was requested
         detection = detection_of(found, error, false_alarms)
         deliver(detection, output, "detect", detection.tables)

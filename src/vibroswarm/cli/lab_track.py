@@ -123,7 +123,7 @@ def track(
     from vibroswarm.tracking.track import with_positions, write_tables
 
     opencv()  # raises an error before any work if the package is not installed
-    made = scenario_from(scenario, is_final=False)
+    made = scenario_from(scenario)
     placed = markers.read((made.arena.width_m, made.arena.height_m))
     samples = _samples(log, scenario, made)
     stated = stated_fields(

@@ -112,7 +112,7 @@ def _write_page(document: Document, output: Drawn) -> None:
             save_requested_pictures(document, output, folder, progress)
 
 
-def run_parts(study: Study, execution: Parts, output: Saved, command: str = "evaluate") -> Runs | None:
+def run_parts(study: Study, execution: Parts, output: Saved) -> Runs | None:
     """Print what a study consists of and run it, or only the part that ``--shard`` names.
 
     Returns:
@@ -129,9 +129,7 @@ def run_parts(study: Study, execution: Parts, output: Saved, command: str = "eva
     warn_of(cell.scenario for cell in study.cells)
     print_plan(study)
     with STAGES.runs("simulating") as progress:
-        runs = run_study(
-            study, output.out, command=command, shard=shard, progress=progress, **execution.where
-        )
+        runs = run_study(study, output.out, shard=shard, progress=progress, **execution.where)
     if others := runs.store.other_runs:
         say(
             f"{count(others, 'run')} of another version of the code {'is' if others == 1 else 'are'} not used."

@@ -36,6 +36,7 @@ from vibroswarm.documents.study_words import (
     SHORT,
     asks_numbers,
     cell_sentence,
+    lacks_truth,
     question,
     sentence,
     title_of,
@@ -51,7 +52,7 @@ from vibroswarm.show.document import (
     if_any,
     limits_of,
 )
-from vibroswarm.study.comparison import SIGNIFICANT, Answer, lacks_truth
+from vibroswarm.study.comparison import SIGNIFICANT, Answer
 from vibroswarm.study.summary import CellOutcome, Outcome
 
 MOST_SENTENCES: Final = 12
@@ -244,7 +245,7 @@ _AGREED_ON: Final = ("agreed_on_0", "agreed_on_1")
 def _agrees(one: CellOutcome, *, many: bool) -> bool:
     """Return whether it counts on what the swarms of a cell agreed, of two answers or of ``many``."""
     scenario = one.cell.scenario
-    is_asked = lacks_truth(one.summary) and not scenario.task.asks_number
+    is_asked = lacks_truth(one) and not scenario.task.asks_number
     return is_asked and (len(answers_of(scenario)) > 2) == many
 
 

@@ -31,7 +31,7 @@ from vibroswarm.plots.labels import label_of
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.document import Figure, limits_of
 from vibroswarm.study.comparison import Compared, comparison_table
-from vibroswarm.study.run import groups_of
+from vibroswarm.study.runs import groups_of
 from vibroswarm.study.spec import SOURCE
 from vibroswarm.study.summary import CellOutcome, Outcome
 

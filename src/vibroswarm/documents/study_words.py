@@ -33,7 +33,7 @@ from vibroswarm.core.numbers import (
 )
 from vibroswarm.documents.knowledge import setting as setting_of
 from vibroswarm.scenario.fault_draws import fault_words
-from vibroswarm.study.comparison import Answer, Compared, lacks_truth
+from vibroswarm.study.comparison import Answer, Compared
 from vibroswarm.study.factors import fields_as_text
 from vibroswarm.study.runs import Runs
 from vibroswarm.study.spec import Cell
@@ -211,6 +211,11 @@ def _differences(effects: Iterable[Compared]) -> str:
     )
 
 
+def lacks_truth(one: CellOutcome) -> bool:
+    """Return whether no answer is right in some runs of a cell: then its outcome is on what its swarms agreed."""
+    return bool(one.summary.swarm_right.n < one.summary.runs)
+
+
 def cell_sentence(one: CellOutcome) -> str:
     """Write a cell's shares of right, wrong and undecided robots, and its decision time.
 
@@ -231,7 +236,7 @@ def cell_sentence(one: CellOutcome) -> str:
         if not math.isnan(share.estimate)
     ]
     time = with_limits(figures.decision_time_s, "s", 0)
-    agreement = f" {_agreement(one)}" if lacks_truth(figures) else ""
+    agreement = f" {_agreement(one)}" if lacks_truth(one) else ""
     return f"{one.cell.name}: robots {', '.join(words)}; decision time {time}.{agreement}"
 
 

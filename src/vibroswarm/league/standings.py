@@ -102,8 +102,6 @@ class League:
     """Number of runs of each entry, floor and swarm size."""
     seed: int = 1
     """Seed of all runs."""
-    command: str = "league"
-    """The words of the command that continues its runs."""
 
     @property
     def boundaries(self) -> set[float]:
@@ -187,7 +185,7 @@ class League:
                 allows failures).
             RunError: runs failed, or the disk is full.
         """
-        return standings_of(self, run_study(self.study, folder, command=self.command, **how))
+        return standings_of(self, run_study(self.study, folder, **how))
 
 
 @dataclass(frozen=True)

@@ -59,8 +59,10 @@ def scores_of(runs: Runs, objective: Objective) -> CellScores:
     draws: Array = np.vstack([scores(rows), drawn_scores(scores, rows)]).T
     group = best_group(draws, len(rows))
     columns: list[dict[str, Any]] = []
-    for score, above, tie in zip(scored, group.difference.tolist(), group.member.tolist(), strict=True):
-        above_best = Interval(*above, LEVEL, len(rows), "max-t")
+    for score, (above, low, high), tie in zip(
+        scored, group.difference.tolist(), group.member.tolist(), strict=True
+    ):
+        above_best = Interval(above, low, high, LEVEL, len(rows), "max-t")
         columns.append(
             {
                 **columns_of("score", score),

@@ -388,10 +388,15 @@ class Search:
         return self.study.cells
 
     @property
+    def selected(self) -> tuple[list[Scenario], str, str]:
+        """Scenarios, source of motion and method."""
+        return [cell.scenario for cell in self.cases], self.study.motion, self.settings.method
+
+    @property
     def code_used(self) -> tuple[list[Scenario], *tuple[str, ...]]:
         """Scenarios, source of motion, method and choices of the space, whose code ``result.write_code`` writes."""
         choices = [value for one in self.space for value in one.choices if plugins.is_code(value)]
-        return [cell.scenario for cell in self.cases], self.study.motion, self.settings.method, *choices
+        return *self.selected, *choices
 
     @cached_property
     def starts(self) -> list[Point]:

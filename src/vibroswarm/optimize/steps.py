@@ -196,7 +196,7 @@ class SearchFolder:
 
     def _make(self) -> None:
         """Write the files of a new search; the manifest last, since a folder with one counts as a search."""
-        made_by = versions() | registered_sources(*self.search.code_used[:3])
+        made_by = versions() | registered_sources(*self.search.selected)
         manifest = manifest_text("search", hash=self.search.hash, versions=made_by)
         write_code(self.folder, *self.search.code_used)
         write_files(self.folder, {SEARCH: self._text, MANIFEST: manifest})
@@ -228,14 +228,14 @@ class SearchFolder:
         # The number of fresh runs changes nothing in the search, and more of them may be needed after it.
         other = search.with_settings(fresh=saved.settings.fresh)
         if manifest["hash"] not in (search.hash, other.hash) or saved.space.names != search.space.names:
-            different = differences(saved, other)
+            fields = differences(saved, other)
             raise InputError(
-                f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
+                f"holds another search: {'; '.join(fields[:3]) or 'its scenario differs'}; take another folder",
                 field=str(self.folder),
             )
         theirs = manifest["versions"]
         changed = [
-            name for name, now in registered_sources(*search.code_used[:3]).items() if theirs.get(name) != now
+            name for name, now in registered_sources(*search.selected).items() if theirs.get(name) != now
         ]
         if changed:
             raise InputError(f"its runs were made with another {changed[0]}", field=str(self.folder))

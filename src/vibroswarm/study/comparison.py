@@ -15,11 +15,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any, Final, NamedTuple
 
 import polars as pl
 
-from vibroswarm.analysis.cell_summary import CellSummary
 from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Paired, compare, holm
 from vibroswarm.errors import check_choice
@@ -171,8 +171,6 @@ def _key(cell: Cell, without: Sequence[str] | set[str]) -> str:
 def comparisons(runs: Runs, reference: str | None = None) -> list[Compared]:
     """Compare all pairs of cells in all figures, with p-values corrected over all comparisons (Holm).
 
-    A pair whose cells have no run in common is left out.
-
     Returns: the comparisons pair by pair; those of a pair in the order of ``analysis.paired.COMPARED``, or of its
         ``ESTIMATED`` where the task asks for a number.
     """
@@ -181,13 +179,13 @@ def comparisons(runs: Runs, reference: str | None = None) -> list[Compared]:
         return []
     cells = list({cell.number: cell for pair in pairs for cell in pair[:2]}.values())
     rows = runs.rows(*dict.fromkeys((*COMPARED, *ESTIMATED)), cells=cells)
-    tables = {int(number): table for (number,), table in rows.partition_by("cell", as_dict=True).items()}
+    tables = {number: table for (number,), table in rows.partition_by("cell", as_dict=True).items()}
     found = []
     for pair in pairs:
-        own, other = tables[pair.cell.number], tables[pair.reference.number]
         asks_number = all(cell.scenario.task.asks_number for cell in pair[:2])
-        if not own.join(other, on="run", how="semi").is_empty():
-            figures = ESTIMATED if asks_number else COMPARED
+        figures = ESTIMATED if asks_number else COMPARED
+        own, other = (tables[cell.number] for cell in pair[:2])
+        if not own.join(other, on="run", how="semi").is_empty():  # parts of a study may have no run in common
             found += [Compared(pair, one) for one in compare(own, other, figures)]
     corrected = holm([one.paired.p_value for one in found])
     return [
@@ -201,32 +199,10 @@ def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
 
 
 def answers_of(compared: Sequence[Compared]) -> tuple[Answer, ...]:
-    """Return one answer for each pair of cells.
-
-    Pairs that share their other values stand together; the largest difference in time comes first.
-    """
-    by_pair: dict[tuple[int, int, str], dict[str, Compared]] = {}
-    for one in compared:
-        key = (one.pair.cell.number, one.pair.reference.number, one.pair.field)
-        by_pair.setdefault(key, {})[one.paired.figure] = one
-    answers = [
-        Answer(
-            next(iter(figures.values())).pair,
-            tuple(figures[name] for name in (*FIGURES, *ESTIMATED) if name in figures),
-        )
-        for figures in by_pair.values()
-    ]
-    rests = list(dict.fromkeys(answer.pair.names[2] for answer in answers))
-    return tuple(
-        sorted(answers, key=lambda answer: (rests.index(answer.pair.names[2]), -_time_difference(answer)))
-    )
-
-
-def _time_difference(answer: Answer) -> float:
-    size = abs(answer.effects[0].paired.difference.estimate)
-    return 0.0 if math.isnan(size) else size
-
-
-def lacks_truth(figures: CellSummary) -> bool:
-    """Return whether no answer is right in some runs of a cell: then its outcome is on what its swarms agreed."""
-    return bool(figures.swarm_right.n < figures.runs)
+    """Return one answer for each pair of cells, of comparisons in the order of ``comparisons``."""
+    answers = []
+    for pair, of_pair in groupby(compared, key=lambda one: one.pair):
+        figures = {one.paired.figure: one for one in of_pair}
+        effects = (figures[name] for name in (*FIGURES, *ESTIMATED) if name in figures)
+        answers.append(Answer(pair, tuple(effects)))
+    return tuple(answers)

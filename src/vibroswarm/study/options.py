@@ -259,7 +259,7 @@ def study_of(
     for option in ("strategy", "robots"):
         if len(values := several(scenario.get(option))) > 1:
             varied[FIELDS[option]] = [v if option == "robots" else chosen(option, v) for v in values]
-            scenario[option] = values[:1]  # type: ignore[literal-required]
+            scenario[option] = values[:1]
     precision = Precision.of(until, figure=figure, max_runs=max_runs) if until else None
     return Study(
         base=_base_beside(varied, scenario),

@@ -25,8 +25,11 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
+
+import polars as pl
 
 from vibroswarm.core.atomic_io import MANIFEST, make_folder, write_files
 from vibroswarm.core.child_python import processors, safe_start
@@ -37,9 +40,9 @@ from vibroswarm.errors import InputError, RunError, whole_number_of
 from vibroswarm.result import write_code
 from vibroswarm.scenario import plugins
 from vibroswarm.simulation import check_seed, versions
-from vibroswarm.study.batch import Task, block_size, motion_key, simulate_runs
+from vibroswarm.study.batch import Task, block_size, simulate_runs
 from vibroswarm.study.precision import Precision
-from vibroswarm.study.runs import Runs
+from vibroswarm.study.runs import Runs, groups_of
 from vibroswarm.study.spec import MOST_RUNS, Cell, Study
 from vibroswarm.study.store import FOLDER, Store, key_of
 
@@ -107,6 +110,15 @@ def run(
     found = opened(cells, runs, seed, motion=motion, until=until, name=name, folder=folder)
     store = found.store
     store.remove_damaged()
+
+    def take(frame: pl.DataFrame, task: Task) -> None:
+        store.put(frame, task.keys, task.first, task.last)
+        now.append(task.last - task.first)
+        progress(StudyProgress(sum(now), wanted))
+
+    def is_done(task: Task) -> bool:
+        return store.has(task.keys, task.first, task.last)
+
     if found.folder:
         make_folder(found.folder)
         write_code(found.folder, (cell.scenario for cell in cells), motion)
@@ -119,9 +131,11 @@ def run(
             if not is_cached() and tasks:  # kernels are compiled here, and not by every worker
                 simulate_runs(tasks[0]._replace(last=tasks[0].first + 1))
             random.shuffle(tasks)
-            _simulate(tasks, store, pool, progress)
+            now, wanted = list[int](), sum(task.last - task.first for task in tasks)
+            progress(StudyProgress(0, wanted))
+            do_all(pool, simulate_runs, tasks, take, is_done=is_done)
             store.refresh()
-    return found.forget()
+    return replace(found)  # which has read nothing of the store yet
 
 
 def opened(
@@ -145,16 +159,11 @@ MARKER: Final = "study.toml"
 """File of a study in the folder of its runs."""
 
 
-def run_study(study: Study, folder: Path | None = None, *, command: str = "evaluate", **how: Any) -> Runs:
-    """Run a study, or continue it; in a folder, write its file too.
-
-    Args:
-        command: the words of the command that continues it. how: further arguments of ``run``.
-    """
+def run_study(study: Study, folder: Path | None = None, **how: Any) -> Runs:
+    """Run a study, or continue it; in a folder, write its file too. Further arguments are those of ``run``."""
     if folder is not None:
-        make_folder(folder)
-        about = manifest_text("study", hash=study.hash, command=command)
-        write_files(folder, {MARKER: study.to_toml(), MANIFEST: about})
+        files = {MARKER: study.to_toml(), MANIFEST: manifest_text("study", hash=study.hash)}
+        write_files(folder, files)
     return run(study.cells, folder=folder, **_settings(study), **how)
 
 
@@ -187,14 +196,6 @@ def refuse_other(folder: Path, study: Study) -> None:
         raise InputError("exists but is not a study", field=str(folder))
 
 
-def groups_of(cells: Sequence[Cell]) -> list[list[Cell]]:
-    """Return the cells that share motion, group by group."""
-    groups: dict[str, list[Cell]] = {}
-    for cell in cells:
-        groups.setdefault(motion_key(cell.scenario), []).append(cell)
-    return list(groups.values())
-
-
 def _missing(found: Runs, runs: int) -> Iterator[Task]:
     """Yield what is missing: for each motion and block of runs the scenarios that have not all of its runs."""
     store, code = found.store, versions()["code"]
@@ -210,20 +211,6 @@ def _missing(found: Runs, runs: int) -> Iterator[Task]:
             absent = [(key, texts[key]) for key in texts if store.there(key, first, last) < last - first]
             if absent:
                 yield Task(tuple(absent), first, last, found.seed, found.motion, code, files)
-
-
-def _simulate(tasks: list[Task], store: Store, pool: Pool, progress: Progress) -> None:
-    """Simulate tasks, and save each as it finishes."""
-    done, wanted = 0, sum(task.last - task.first for task in tasks)
-
-    def take(frame: Any, task: Task) -> None:
-        nonlocal done
-        store.put(frame, task.keys, task.first, task.last)
-        done += task.last - task.first
-        progress(StudyProgress(done, wanted))
-
-    progress(StudyProgress(0, wanted))
-    do_all(pool, simulate_runs, tasks, take, is_done=lambda task: store.has(task.keys, task.first, task.last))
 
 
 class Pool(NamedTuple):
@@ -283,14 +270,18 @@ def pool_for(executor: str | Executor = "threads", workers: int | None = None) -
         yield Pool(executor, workers or int(getattr(executor, "_max_workers", None) or 16))
     elif executor == "threads":
         known = set[int]()
-        threads = ThreadPoolExecutor(count, "vibroswarm", lambda: known.add(threading.get_ident()))
-        yield from _until_end(Pool(threads, count), lambda: interrupt_in(known))
+        with ThreadPoolExecutor(count, "vibroswarm", lambda: known.add(threading.get_ident())) as threads:
+            try:
+                yield Pool(threads, count)
+            finally:
+                interrupt_in(known)
     elif executor == "processes":
         with safe_start():
             processes = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _begin_process)
             for _ in range(count):  # each starts a process
                 processes.submit(int)
-        yield from _until_end(Pool(processes, count))
+        with processes:
+            yield Pool(processes, count)
     elif executor.startswith("dask://"):
         yield from _dask(executor.replace("dask://", "tcp://", 1))
     else:
@@ -299,20 +290,17 @@ def pool_for(executor: str | Executor = "threads", workers: int | None = None) -
         )
 
 
-def _until_end(pool: Pool, stop: Callable[[], None] = lambda: None) -> Iterator[Pool]:
-    try:
-        yield pool
-    finally:
-        stop()
-        pool.executor.shutdown(cancel_futures=True)
-
-
 def _begin_process() -> None:
     """Make a worker process ignore Ctrl-C, and end with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.stdout = sys.stderr  # what users' code prints must not come between the results of a command
-    parent = multiprocessing.parent_process()
-    threading.Thread(target=lambda: (parent and parent.join(), os._exit(1)), daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    if parent := multiprocessing.parent_process():
+        parent.join()
+        os._exit(1)
 
 
 def _dask(address: str) -> Iterator[Pool]:
@@ -321,7 +309,7 @@ def _dask(address: str) -> Iterator[Pool]:
     except ImportError:
         raise InputError("needs Dask: pip install 'vibroswarm[dask]'", field="executor") from None
     try:
-        client = distributed.Client(address, timeout=10, set_as_default=False)
+        client: Any = distributed.Client(address, timeout=10, set_as_default=False)
     except OSError as error:
         raise RunError(f"no Dask scheduler answers at '{address}' ({error})") from None
     with client:

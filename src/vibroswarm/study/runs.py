@@ -109,15 +109,8 @@ class Runs(NotebookView):
 
     @cached_property
     def _settled(self) -> dict[int, Settled | None]:
-        groups: dict[str, list[Cell]] = {}
-        for cell in self.cells:
-            groups.setdefault(motion_key(cell.scenario), []).append(cell)
-        return {
-            cell.number: found
-            for group in groups.values()
-            for found in [self._last_look(group)]
-            for cell in group
-        }
+        found = [(self._last_look(group), group) for group in groups_of(self.cells)]
+        return {cell.number: look for look, group in found for cell in group}
 
     def is_settled(self, group: Sequence[Cell]) -> bool:
         """Return whether cells that share motion need no more runs for the precision that is wanted."""
@@ -126,11 +119,13 @@ class Runs(NotebookView):
 
     def _last_look(self, group: Sequence[Cell]) -> Settled | None:
         """Return the first look at which the figure is precise enough in all cells, or the last that is there."""
-        found = None
-        for look, runs in enumerate(self.until.looks() if self.until else ()):
+        found, until = None, self.until
+        if until is None:
+            return None
+        for look, runs in enumerate(until.looks()):
             if any(self.store.there(self.keys[cell.number], 0, runs) < runs for cell in group):
                 break
-            level = self.until.level_at(look)
+            level = until.level_at(look)
             found = Settled(look, runs, level, all(self._is_precise(cell, runs, level) for cell in group))
             if found.reached:
                 break
@@ -205,10 +200,6 @@ class Runs(NotebookView):
             self.rows("reported").drop_nulls("reported").explode("reported").unnest("reported")
         )
 
-    def figures(self, cell: Cell) -> pl.DataFrame:
-        """Return the figures of each run of a cell under the names of ``analysis.figures.run_figures``."""
-        return self.rows(cells=[cell]).drop("cell", *WALK)
-
     def tables(self, cell: Cell) -> tuple[pl.DataFrame, pl.DataFrame]:
         """Return the tables of robots and of runs of a cell, as a ``Result`` has them, with how robots sampled."""
         rows = self.rows(OF_RUN, OF_ROBOT, cells=[cell])
@@ -272,10 +263,6 @@ class Runs(NotebookView):
             raise InputError(f"no cell has {wanted}; varied are {', '.join(self.varied)}", field="where")
         return replace(self, cells=cells)
 
-    def forget(self) -> Runs:
-        """Return the same runs, read anew from the store."""
-        return replace(self)
-
     def again(self, cell: Cell, runs: int | Iterable[int] = 1, **how: Any) -> Result:
         """Simulate runs of a cell again from the seed, with all their samples, which are not saved.
 
@@ -309,12 +296,13 @@ class Runs(NotebookView):
         Cells that do not set all varied fields, or of which some are equal, have the dimension ``cell`` instead.
         """
         xarray = needed("xarray", "frames", "to_xarray")
-        points = {json.dumps([str(cell.point.get(name)) for name in self.varied]) for cell in self.cells}
-        is_grid = len(points) == len(self.cells) and all(len(c.point) == len(self.varied) for c in self.cells)
-        index = [*(self.varied if is_grid and self.varied else ["cell"]), "run"]
-        frame = self.to_pandas(table).set_index([*index, *(["robot"] if table == "robots" else [])])
+        frame = self.to_pandas(table)
+        further = ["run", "robot"] if table == "robots" else ["run"]
+        keys = frame[[*self.varied, *further]]
+        is_grid = bool(self.varied) and not (keys.duplicated().any() or keys.isna().to_numpy().any())
+        texts = frame.astype(dict.fromkeys(frame.select_dtypes("category"), str))
         dataset: xr.Dataset = xarray.Dataset.from_dataframe(
-            frame.astype(dict.fromkeys(frame.select_dtypes("category"), str))
+            texts.set_index([*(self.varied if is_grid else ["cell"]), *further])
         )
         return dataset
 
@@ -346,6 +334,14 @@ class Runs(NotebookView):
             ]
         )
         return cells.join(rows, on="cell", suffix="_reported", maintain_order="right")
+
+
+def groups_of(cells: Sequence[Cell]) -> list[list[Cell]]:
+    """Return the cells that share motion, group by group."""
+    groups: dict[str, list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault(motion_key(cell.scenario), []).append(cell)
+    return list(groups.values())
 
 
 def plain_of(value: Any) -> Any:
