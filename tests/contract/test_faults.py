@@ -25,7 +25,6 @@ from vibroswarm.scenario.plugins import load_file
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
 from vibroswarm.strategies.base import forget
-from vibroswarm.study.options import warnings_of
 from vibroswarm.study.spec import Study
 from vibroswarm.testing import plain_run
 from vibroswarm.testing.runs import differences
@@ -308,11 +307,3 @@ def test_the_comparison_sees_a_fault_that_one_way_forgets() -> None:
         forgets = scenario.with_values({f"faults.{kind}": 0.0})
         plain = plain_run(forgets, 8, result.motion, result.ends, result.observations)
         assert list(differences(result, plain)) != []
-
-
-def test_a_fault_that_the_network_does_not_know_is_warned_of() -> None:
-    (warning,) = warnings_of(faulty({"radio_dead": [1]}, network__name="tree"))
-    assert "robots with faults.radio_dead go on relaying" in warning
-    assert not warnings_of(
-        faulty({"battery_empty": [1], "battery_life_s": [50.0, 90.0]}, network__name="range")
-    )

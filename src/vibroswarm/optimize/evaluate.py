@@ -111,7 +111,7 @@ def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
         outcomes = outcomes_of(scenarios, piece.seed, piece.numbers, piece.motion)
     except InputError as error:
         return str(error)
-    except (CodeError, RunError):
+    except (CodeError, RunError, MemoryError, OSError):  # the last two are of the machine, not of the runs
         raise
     except Exception as error:  # numbers that go wrong in a simulation
         return f"{type(error).__name__}: {error}"
