@@ -19,7 +19,7 @@ from helpers.dask_cluster import Cluster
 from helpers.forked import begin, run_study
 from vibroswarm.errors import RunError
 from vibroswarm.study.precision import Precision
-from vibroswarm.study.run import Shard, StudyProgress
+from vibroswarm.study.run import StudyProgress
 from vibroswarm.study.runs import Runs
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import FOLDER
@@ -98,7 +98,7 @@ def test_a_dask_worker_is_killed_in_the_middle(alone: Runs, tmp_path: Path) -> N
 
 def test_parts_are_joined_by_copying(alone: Runs, tmp_path: Path) -> None:
     for k in range(4):
-        STUDY.run(tmp_path / f"part {k}", shard=Shard(k + 1, 4))
+        STUDY.run(tmp_path / f"part {k}", shard=(k + 1, 4))
         shutil.copytree(tmp_path / f"part {k}" / FOLDER, tmp_path / "whole" / FOLDER, dirs_exist_ok=True)
     progress: list[StudyProgress] = []
     assert_same(STUDY.run(tmp_path / "whole", progress=progress.append), alone)

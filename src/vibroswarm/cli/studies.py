@@ -120,28 +120,36 @@ def run_parts(study: Study, execution: Parts, output: Saved) -> Runs | None:
     Raises:
         InputError: options conflict, or ``--out`` holds something else.
     """
-    from vibroswarm.study.run import Shard, run_study
+    from vibroswarm.study.run import run_study
 
-    shard = None if execution.shard is None else Shard.parse(execution.shard)
-    refuse(shard is not None and output.out is None, "--shard", "needs --out DIR")
-    refuse(shard is not None and study.until is not None, "--shard", "needs a number of runs")
+    part, of = _part(execution.shard)
+    refuse(of > 1 and output.out is None, "--shard", "needs --out DIR")
+    refuse(of > 1 and study.until is not None, "--shard", "needs a number of runs")
     claim_study(output, study)
     warn_of(cell.scenario for cell in study.cells)
     print_plan(study)
     with STAGES.runs("simulating") as progress:
-        runs = run_study(study, output.out, shard=shard, progress=progress, **execution.where)
+        runs = run_study(study, output.out, shard=(part, of), progress=progress, **execution.where)
     if others := runs.store.other_runs:
         say(
             f"{count(others, 'run')} of another version of the code {'is' if others == 1 else 'are'} not used."
         )
-    if shard is None:
+    if of == 1:
         return runs
     there, wanted = sum(runs.there.values()), len(study.cells) * runs.runs
     print_line(
-        f"Shard {shard.number} of {shard.of} is done; {whole(there)} of {count(wanted, 'run')} are in {output.out}. "
+        f"Shard {part} of {of} is done; {whole(there)} of {count(wanted, 'run')} are in {output.out}. "
         "Copy the folders of all shards into one, and run the same command there without --shard."
     )
     return None
+
+
+def _part(text: str | None) -> tuple[int, int]:
+    """Parse ``"3/16"``: part 3 of 16."""
+    part, _, of = (text or "1/1").partition("/")
+    is_part = part.isdecimal() and of.isdecimal() and 1 <= int(part) <= int(of)
+    refuse(not is_part, "--shard", f"'{text}' is not a part; give one such as 3/16")
+    return int(part), int(of)
 
 
 def claim_study(output: Any, study: Study) -> None:

@@ -58,7 +58,7 @@ from vibroswarm.optimize.objective import Rows
 from vibroswarm.optimize.spec import Search, differences
 from vibroswarm.result import code_files, write_code
 from vibroswarm.simulation import versions
-from vibroswarm.study.store import different_versions, registered_sources
+from vibroswarm.study.store import registered_sources
 
 SEARCH: Final = "search.toml"
 """File with the definition of the search."""
@@ -239,8 +239,11 @@ class SearchFolder:
         ]
         if changed:
             raise InputError(f"its runs were made with another {changed[0]}", field=str(self.folder))
-        if not mixed and (different := different_versions(theirs)):
-            raise InputError(f"was begun by other versions ({different})", field=str(self.folder))
+        different = [
+            f"{name} {theirs.get(name)}" for name, here in versions().items() if theirs.get(name) != here
+        ]
+        if different and not mixed:
+            raise InputError(f"was begun by other versions ({', '.join(different)})", field=str(self.folder))
 
 
 def saved_search(folder: Path) -> Search:

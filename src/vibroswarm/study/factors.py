@@ -202,8 +202,8 @@ def names_of(points: Sequence[Mapping[str, str]], strategies: Sequence[str]) -> 
     """
     names = []
     for point, strategy in zip(points, strategies, strict=True):
-        alike = [other for other in points if other.get(LABEL) == point.get(LABEL)]
         if LABEL in point:
+            alike = [other for other in points if other.get(LABEL) == point[LABEL]]
             differing = {k: v for k, v in point.items() if any(other.get(k) != v for other in alike)}
             rest = fields_as_text(differing)
             names.append(f"{point[LABEL]} ({rest})" if rest else point[LABEL])

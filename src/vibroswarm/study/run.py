@@ -50,21 +50,6 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-class Shard(NamedTuple):
-    """One of the ``of`` parts into which the blocks of a study are divided; parts are numbered from 1."""
-
-    number: int
-    of: int
-
-    @classmethod
-    def parse(cls, text: str) -> Shard:
-        """Parse ``"3/16"``: part 3 of 16."""
-        number, _, of = text.partition("/")
-        if not (number.isdecimal() and of.isdecimal() and 1 <= int(number) <= int(of)):
-            raise InputError(f"'{text}' is not a part; give one such as 3/16", field="--shard")
-        return cls(int(number), int(of))
-
-
 class StudyProgress(NamedTuple):
     """Progress of one call: runs of motion done, and wanted."""
 
@@ -91,7 +76,7 @@ def run(
     folder: Path | None = None,
     executor: str | Executor = "threads",
     workers: int | None = None,
-    shard: Shard | None = None,
+    shard: tuple[int, int] = (1, 1),
     progress: Progress = lambda now: None,
 ) -> Runs:
     """Simulate the runs of cells that a folder does not hold yet.
@@ -100,7 +85,8 @@ def run(
         runs: of each cell; with ``until``, runs are added until a figure is precise enough.
         name: a title. folder: where blocks are saved; None: they are removed with the result. They are also if the
             source text of code that a program registered is not known, by which its runs could be known again.
-        executor, workers: see ``pool_for``. shard: only this part of the blocks. progress: called as blocks finish.
+        executor, workers: see ``pool_for``. shard: only part K of N of the blocks, (K, N).
+        progress: called as blocks finish.
     Raises:
         InputError: a value is wrong. CodeError: user code failed. RunError: the workers are gone, or the disk is full.
             Finished blocks are saved.
@@ -125,9 +111,7 @@ def run(
         store.put_scenarios({found.keys[cell.number]: cell.scenario for cell in cells})
     with pool_for(executor, workers) as pool:
         for look in [runs] if until is None else until.looks():
-            tasks = [*_missing(found, look)]
-            if shard is not None:
-                tasks = tasks[shard.number - 1 :: shard.of]
+            tasks = [*_missing(found, look)][shard[0] - 1 :: shard[1]]
             if not is_cached() and tasks:  # kernels are compiled here, and not by every worker
                 simulate_runs(tasks[0]._replace(last=tasks[0].first + 1))
             random.shuffle(tasks)

@@ -209,9 +209,3 @@ def _source_of(module: str) -> str | None:
         return inspect.getsource(sys.modules[module])
     except (OSError, TypeError, KeyError):  # it was typed at a prompt
         return None
-
-
-def different_versions(theirs: Mapping[str, str]) -> str:
-    """Write how other versions differ from those of this process; empty if in nothing."""
-    own = versions()
-    return "; ".join(f"{k} {theirs.get(k)} there, {own[k]} here" for k in own if theirs.get(k) != own[k])
