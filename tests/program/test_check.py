@@ -155,8 +155,8 @@ def few_cases(monkeypatch: pytest.MonkeyPatch) -> None:
 def no_processes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another thread stands for the other process, except in ``ELSEWHERE``."""
     if not any(what in request.node.name for what in ELSEWHERE):
-        workers = run_checks.workers_for
-        monkeypatch.setattr(run_checks, "workers_for", lambda how, count: workers("threads", count))
+        workers = run_checks.pool_for
+        monkeypatch.setattr(run_checks, "pool_for", lambda how, count: workers("threads", count))
 
 
 def test_a_network_for_some_swarm_sizes_is_checked_with_these() -> None:

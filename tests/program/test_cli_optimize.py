@@ -32,12 +32,9 @@ t_end_s = 100.0
 name = "soft"
 [scenario.decision]
 min_observations = 20
-[space]
+[grid]
 "strategy.soft.eta" = { from = 10, to = 1000, steps = 3 }
 "strategy.soft.kappa" = [1.0, 2.0]
-[objective]
-cost = "decision_time"
-statistic = "mean"
 """
 
 COMMANDS = (

@@ -293,7 +293,8 @@ def _dask(address: str) -> Iterator[Pool]:
     except ImportError:
         raise InputError("needs Dask: pip install 'vibroswarm[dask]'", field="executor") from None
     try:
-        client: Any = distributed.Client(address, timeout=10, set_as_default=False)
+        connect: Any = distributed.Client
+        client = connect(address, timeout=10, set_as_default=False)
     except OSError as error:
         raise RunError(f"no Dask scheduler answers at '{address}' ({error})") from None
     with client:

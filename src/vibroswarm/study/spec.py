@@ -172,6 +172,8 @@ class Study:
         with plugins.search_beside(folder):
             plugins.remember_code_names(values)  # so that parameters of code that is not loaded are accepted
             values = plugins.resolve_codes(values)
+            if plugins.is_code(motion := values.get("motion")):
+                values["motion"] = plugins.resolve_code("motion", motion)
         base = values.get("scenario", {})
         if isinstance(base, str):
             base = Scenario.read((folder or Path()) / base)
