@@ -12,7 +12,7 @@ from typing import Any, Final, TypedDict, Unpack
 
 from vibroswarm import tasks
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, named, nearest
+from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.floor import rows_of, sides_inside
 from vibroswarm.floors.io import is_picture, parse_tiles
 from vibroswarm.floors.source import family, is_generated, parts_of_file, resolve, source_of, values_in
@@ -28,7 +28,7 @@ from vibroswarm.scenario.scenario import (
     preset,
 )
 from vibroswarm.strategies.place_map import WITH_MAP
-from vibroswarm.study.factors import LABEL, fields_in
+from vibroswarm.study.factors import LABEL
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.spec import Study, with_fields
 
@@ -217,12 +217,10 @@ def warnings_of(scenario: Scenario) -> list[str]:
     withdraws = getattr(scenario.strategy.params, "tells_anew", False)
     if withdraws and task is not None and not task.is_asked_anew(scenario.task.params):
         found.append("robots withdraw each answer but are asked only once; set task.changed.since = answer")
-    floor = scenario.floor_for(0, 0)  # whose size is that of all runs
-    if (
-        scenario.strategy.name in WITH_MAP
-        and sides_inside(floor.geometry, *scenario.arena.size_m) is not None
-    ):
-        found.append("the floor extends beyond the arena: maps count all tiles of the grid alike")
+    if scenario.strategy.name in WITH_MAP:
+        floor = scenario.floor_for(0, 0)  # whose size is that of all runs
+        if sides_inside(floor.geometry, *scenario.arena.size_m) is not None:
+            found.append("the floor extends beyond the arena: maps count all tiles of the grid alike")
     return found
 
 
@@ -264,7 +262,7 @@ def study_of(
     return Study(
         base=_base_beside(varied, scenario),
         vary={"grid": varied} if varied else {},
-        runs=None if precision else runs or RUNS,
+        runs=None if precision else RUNS if runs is None else runs,
         until=precision,
         seed=1 if seed is None else seed,
         motion=chosen("motion", motion or "event"),
@@ -313,9 +311,6 @@ def _varied(texts: Sequence[str]) -> dict[str, list[Any]]:
         kind = name.partition(".")[0]
         names_code = kind in plugins.KINDS and name == plugins.field_of(kind)
         vary[name] = [chosen(kind, one) if names_code and plugins.is_code(one) else one for one in values]
-    for field, values in vary.items():  # code is loaded by now: its parameters are fields
-        with named(f"--vary {field}"):
-            fields_in({field: values}, "--vary")
     return vary
 
 
