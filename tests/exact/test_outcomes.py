@@ -38,9 +38,9 @@ from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.data import document_data
 from vibroswarm.show.page import page_html
 from vibroswarm.simulation import simulate
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.detection import detection_of, detection_study
 from vibroswarm.study.runs import Runs
-from vibroswarm.study.spec import Cell
 from vibroswarm.study.summary import outcome_of
 from vibroswarm.tasks import Asked, task
 

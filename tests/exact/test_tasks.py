@@ -17,9 +17,9 @@ from vibroswarm.inference.outcomes import costs_of, forced_errors
 from vibroswarm.league.fronts import guess_level
 from vibroswarm.optimize.costs import COSTS
 from vibroswarm.optimize.outcomes import outcomes_of
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.comparison import comparisons
 from vibroswarm.study.run import run
-from vibroswarm.study.spec import Cell
 from vibroswarm.tasks import Task, base, register
 
 PAPER = preset("paper").with_values({"run.t_end_s": 300.0, "decision.min_observations": 40})

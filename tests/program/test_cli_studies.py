@@ -15,7 +15,7 @@ import pytest
 import vibroswarm
 from helpers.commands import refusal_of
 from vibroswarm.cli import main
-from vibroswarm.study.run import saved_runs
+from vibroswarm.study.spec import Study
 
 QUIET = ["--no-pictures"]
 TEXT = """
@@ -53,7 +53,7 @@ def test_a_study_is_kept_and_gone_on_with(study, tmp_path, capsys):
     assert sweep(study, "--out", out) == 0
     assert sorted(p.name for p in out.rglob("*")) == before
     assert sweep(study, "--out", out, "--runs", "30") == 0
-    assert saved_runs(out)[1].frame.height == 60
+    assert Study.open(out)[1].frame.height == 60
     assert sweep(out / "study.toml", "--out", out) == 0, "its own study file is the study"
     assert not list(tmp_path.rglob("*/.*"))
 
@@ -66,7 +66,7 @@ def test_runs_stay_when_another_study_takes_the_folder(study, tmp_path, capsys):
     assert "holds another study" in refusal_of(capsys, "evaluate", *line, *QUIET)
     assert sweep(*line, "--force") == 0
     assert set((out / "runs").iterdir()) == files, "its runs were there already"
-    assert saved_runs(out)[1].frame.height == 20
+    assert Study.open(out)[1].frame.height == 20
 
 
 BAD = {
@@ -138,7 +138,7 @@ def test_a_floor_file_beside_the_study(tmp_path, monkeypatch):
     monkeypatch.chdir("/")
     assert sweep(tmp_path / "s.toml", "--out", tmp_path / "out") == 0
     (tmp_path / "my floor.txt").unlink()
-    found = saved_runs(tmp_path / "out")[1].where(floor__source="my floor.txt").frame
+    found = Study.open(tmp_path / "out")[1].where(floor__source="my floor.txt").frame
     assert found["fill_ratio"].unique().to_list() == [0.75]
     assert main(["show", str(tmp_path / "out")]) == 0
 
@@ -181,7 +181,7 @@ def test_ctrl_c_ends_with_130_and_what_is_done_is_kept(executor, study, tmp_path
     assert err.splitlines()[-1].startswith(said)
     assert "Traceback" not in err
     assert "leaked" not in err
-    runs = saved_runs(out)[1]
+    runs = Study.open(out)[1]
     assert runs.store.damaged == []
     assert 0 < sum(runs.there.values()) < 200_000
     assert not list(out.rglob(".*"))

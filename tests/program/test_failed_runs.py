@@ -13,7 +13,7 @@ from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.kernel_run import batch_of
 from vibroswarm.motion.recorder import Failure
 from vibroswarm.motion.source import Source, register
-from vibroswarm.study.run import saved_runs
+from vibroswarm.study.spec import Study
 
 FAILED = (1, 4)
 AT_TICK = 500
@@ -55,7 +55,7 @@ def test_failed_runs_are_counted_in_table_report_and_results(
     assert "failed runs" in page
     assert words in " ".join(page.split())
     assert pl.read_csv(out / "summary.csv")["failed_runs"].to_list() == [2, 2]
-    frame = saved_runs(out)[1].frame
+    frame = Study.open(out)[1].frame
     assert frame.drop_nulls("failed").select("cell", "run", "failed_s").rows() == [
         (cell, run, 10.0) for cell in (0, 1) for run in FAILED
     ]

@@ -10,12 +10,12 @@ import polars as pl
 
 from vibroswarm import load_code
 from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.study.run import saved_runs
+from vibroswarm.study.spec import Study
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("folder", help="folder of the study")
 load_code("chin-2024/asdf.py:asdf", Path(__file__).parents[1])
-_, result = saved_runs(Path(parser.parse_args().folder))
+_, result = Study.open(Path(parser.parse_args().folder))
 for cell in result.cells:
     scenario = cell.scenario
     if scenario.strategy.name != "asdf":

@@ -120,7 +120,6 @@ def run_parts(study: Study, execution: Parts, output: Saved) -> Runs | None:
     Raises:
         InputError: options conflict, or ``--out`` holds something else.
     """
-    from vibroswarm.study.run import run_study
 
     part, of = _part(execution.shard)
     refuse(of > 1 and output.out is None, "--shard", "needs --out DIR")
@@ -129,7 +128,7 @@ def run_parts(study: Study, execution: Parts, output: Saved) -> Runs | None:
     warn_of(cell.scenario for cell in study.cells)
     print_plan(study)
     with STAGES.runs("simulating") as progress:
-        runs = run_study(study, output.out, shard=(part, of), progress=progress, **execution.where)
+        runs = study.run(output.out, shard=(part, of), progress=progress, **execution.where)
     if others := runs.store.other_runs:
         say(
             f"{count(others, 'run')} of another version of the code {'is' if others == 1 else 'are'} not used."
@@ -158,11 +157,10 @@ def claim_study(output: Any, study: Study) -> None:
     With ``--force``, the runs of another study stay, and all else is replaced.
     """
     from vibroswarm.core.folders import kind_of
-    from vibroswarm.study.run import refuse_other
 
     def check(folder: Path) -> None:
         try:
-            refuse_other(folder, study)
+            study.refuse_other(folder)
         except InputError:
             if not (output.force and kind_of(folder) == "study"):
                 raise

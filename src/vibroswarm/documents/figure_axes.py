@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from vibroswarm.plots.labels import label_of
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.factors import PLAIN
-from vibroswarm.study.spec import SOURCE, Cell
+from vibroswarm.study.spec import SOURCE
 
 
 @dataclass(frozen=True)

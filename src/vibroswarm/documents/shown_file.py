@@ -182,9 +182,9 @@ def _of_kind(folder: Path, kind: str | None, printed: Shown | None) -> Shown:
         return saved._replace(documents=(state, *saved.documents), state=about)
     if kind == "study":
         from vibroswarm.documents.study_folder import results_or_need, state_document, study_state
-        from vibroswarm.study.run import saved_runs
+        from vibroswarm.study.spec import Study
 
-        study, runs = saved_runs(folder)
+        study, runs = Study.open(folder)
         about, needed = study_state(study, runs), ""
         if printed is None:
             results, needed = results_or_need(runs)

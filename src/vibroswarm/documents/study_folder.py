@@ -9,9 +9,8 @@ from vibroswarm.core.numbers import count, count_of, whole
 from vibroswarm.documents.study import study_document
 from vibroswarm.errors import InputError
 from vibroswarm.show.document import Document, Text
-from vibroswarm.study.run import MARKER
 from vibroswarm.study.runs import Runs, groups_of
-from vibroswarm.study.spec import Study
+from vibroswarm.study.spec import MARKER, Study
 from vibroswarm.study.summary import outcome_of
 
 

@@ -33,10 +33,10 @@ from vibroswarm.core.numbers import (
 )
 from vibroswarm.documents.knowledge import setting as setting_of
 from vibroswarm.scenario.fault_draws import fault_words
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.comparison import Answer, Compared
 from vibroswarm.study.factors import fields_as_text
 from vibroswarm.study.runs import Runs
-from vibroswarm.study.spec import Cell
 from vibroswarm.study.summary import CellOutcome, Outcome
 
 SHORT: Final = {

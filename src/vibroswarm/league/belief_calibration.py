@@ -44,7 +44,6 @@ from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import fields_read
-from vibroswarm.study.run import run_study
 from vibroswarm.study.runs import Runs
 
 BELIEFS: Final = "beliefs"
@@ -88,7 +87,7 @@ def belief_calibration(
     variants = _variants(league)
     if not variants:
         return pl.DataFrame(schema=dict.fromkeys(COLUMNS, pl.String))
-    result = run_study(belief_league(league, runs).study, folder, **how)
+    result = belief_league(league, runs).study.run(folder, **how)
     sums = _sums(result, (len(variants), len(COUNTS), runs))
     rows: list[dict[str, Any]] = []
     for place, (label, settings, entry) in enumerate(variants):

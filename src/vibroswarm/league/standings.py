@@ -54,7 +54,6 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import told
 from vibroswarm.study.factors import LABEL
-from vibroswarm.study.run import run_study
 from vibroswarm.study.runs import Runs
 from vibroswarm.study.spec import Study
 from vibroswarm.study.summary import outcome_of
@@ -185,7 +184,7 @@ class League:
                 allows failures).
             RunError: runs failed, or the disk is full.
         """
-        return standings_of(self, run_study(self.study, folder, **how))
+        return standings_of(self, self.study.run(folder, **how))
 
 
 @dataclass(frozen=True)

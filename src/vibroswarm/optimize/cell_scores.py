@@ -22,9 +22,9 @@ from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.evaluate import derived_seed
 from vibroswarm.optimize.objective import Objective, Rows, drawn_scores
 from vibroswarm.optimize.outcomes import from_tables
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.run import run
 from vibroswarm.study.runs import Runs
-from vibroswarm.study.spec import Cell
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,8 @@ from vibroswarm.optimize.space import PAPER, Point, Space, Values
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.study.spec import Cell, Study, as_toml, with_fields
+from vibroswarm.study.cells import Cell
+from vibroswarm.study.spec import Study, as_toml, with_fields
 
 KEYS: Final = ("space", "objective", "search", "pso", "start")
 """Keys that a search adds to those of a study."""

@@ -25,9 +25,9 @@ from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.core.child_python import processors
 from vibroswarm.inference.outcomes import Columns, capped_time_s, numbers
 from vibroswarm.scenario.scenario import Scenario, differences, preset
+from vibroswarm.study.cells import Cell as StudyCell
 from vibroswarm.study.run import StudyProgress, run
 from vibroswarm.study.runs import OF_RUN, Runs
-from vibroswarm.study.spec import Cell as StudyCell
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -23,9 +23,10 @@ import polars as pl
 from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Paired, compare, holm
 from vibroswarm.errors import check_choice
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.factors import LABEL
 from vibroswarm.study.runs import Runs
-from vibroswarm.study.spec import SOURCE, Cell
+from vibroswarm.study.spec import SOURCE
 
 STRATEGY: Final = "strategy.name"
 """The field of which every two values are compared."""

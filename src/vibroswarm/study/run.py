@@ -31,9 +31,8 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import MANIFEST, make_folder, write_files
+from vibroswarm.core.atomic_io import make_folder
 from vibroswarm.core.child_python import processors, safe_start
-from vibroswarm.core.folders import has_manifest, manifest_text, read_manifest
 from vibroswarm.core.jit import is_cached
 from vibroswarm.core.user_code import interrupt_in
 from vibroswarm.errors import InputError, RunError, whole_number_of
@@ -41,11 +40,13 @@ from vibroswarm.result import write_code
 from vibroswarm.scenario import plugins
 from vibroswarm.simulation import check_seed, versions
 from vibroswarm.study.batch import Task, block_size, simulate_runs
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.runs import Runs, groups_of
-from vibroswarm.study.spec import MOST_RUNS, Cell, Study
-from vibroswarm.study.store import FOLDER, Store, key_of
+from vibroswarm.study.store import Store, key_of
 
+MOST_RUNS: Final = 100_000_000
+"""Most runs of a cell."""
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -137,47 +138,6 @@ def opened(
     folder = None if None in keys.values() else folder
     known = {number: key or f"cell {number}" for number, key in keys.items()}
     return Runs(tuple(cells), runs, seed, motion, Store(folder, seed, motion), known, until, name, folder)
-
-
-MARKER: Final = "study.toml"
-"""File of a study in the folder of its runs."""
-
-
-def run_study(study: Study, folder: Path | None = None, **how: Any) -> Runs:
-    """Run a study, or continue it; in a folder, write its file too. Further arguments are those of ``run``."""
-    if folder is not None:
-        files = {MARKER: study.to_toml(), MANIFEST: manifest_text("study", hash=study.hash)}
-        write_files(folder, files)
-    return run(study.cells, folder=folder, **_settings(study), **how)
-
-
-def saved_runs(folder: Path) -> tuple[Study, Runs]:
-    """Return the study in a folder, and its runs that are there.
-
-    Raises:
-        InputError: the folder holds no study.
-    """
-    read_manifest(folder, "study")
-    study = Study.read(folder / MARKER)
-    return study, opened(study.cells, folder=folder, **_settings(study))
-
-
-def _settings(study: Study) -> dict[str, Any]:
-    values = {name: getattr(study, name) for name in ("seed", "motion", "until", "name")}
-    return values | {"runs": study.runs or 1}
-
-
-def refuse_other(folder: Path, study: Study) -> None:
-    """Refuse a folder that holds anything but this study, or what a killed writer of one left.
-
-    Raises:
-        InputError: it does.
-    """
-    if has_manifest(folder):
-        if read_manifest(folder, "study")["hash"] != study.hash:
-            raise InputError("holds another study", field=str(folder))
-    elif any(not (path.name in (MARKER, FOLDER) or path.name.startswith(".")) for path in folder.iterdir()):
-        raise InputError("exists but is not a study", field=str(folder))
 
 
 def _missing(found: Runs, runs: int) -> Iterator[Task]:

@@ -34,8 +34,8 @@ from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import OF_ROBOTS, WALK, motion_key, samples_of_run
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.precision import Precision, Settled
-from vibroswarm.study.spec import Cell
 from vibroswarm.study.store import Store
 
 if TYPE_CHECKING:

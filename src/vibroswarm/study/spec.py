@@ -20,9 +20,10 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-import vibroswarm.simulation  # noqa: F401  (makes the engines known)
+from vibroswarm.core.atomic_io import MANIFEST, write_files
+from vibroswarm.core.folders import has_manifest, manifest_text, read_manifest
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_kind, check_known_keys, in_file, whole_number_of
@@ -33,21 +34,21 @@ from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fields import rows_as_text
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.factors import (
     BLOCKS,
     LABEL,
     PRESET,
     Point,
-    fields_as_text,
     fields_in,
     names_of,
     points_of,
     value_as_text,
 )
 from vibroswarm.study.precision import Precision
-
-if TYPE_CHECKING:
-    from vibroswarm.study.runs import Runs
+from vibroswarm.study.run import MOST_RUNS, opened, run
+from vibroswarm.study.runs import Runs
+from vibroswarm.study.store import FOLDER
 
 OF_UNTIL: Final = ("figure", "max_runs", "level")
 """Keys that a study's file may have together with ``until``."""
@@ -59,34 +60,8 @@ TILES: Final = "floor.tiles"
 """The field with a floor's kinds of tile."""
 Rows = tuple[str, ...] | tuple[tuple[float, ...], ...]
 """Rows of a floor, the top row first: a text of kinds of tile each, or values of tiles."""
-MOST_RUNS: Final = 100_000_000
-"""Most runs of a cell."""
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One scenario of a study, and the values in which it differs from others."""
-
-    number: int
-    point: Point
-    """Its values of the varied fields."""
-    scenario: Scenario
-    name: str = ""
-    """A name that no other cell has; the scenario's strategy if nothing is varied."""
-
-    @cached_property
-    def hash(self) -> str:
-        """Hash of the scenario."""
-        return self.scenario.hash
-
-    @cached_property
-    def texts(self) -> dict[str, str]:
-        """Each varied value as text."""
-        return {name: value_as_text(value) for name, value in self.point.items()}
-
-    def text_of(self, fields: Iterable[str]) -> str:
-        """Write the cell's values of these fields: ``random:0.44, soft, eta 1250``; fields not varied are left out."""
-        return fields_as_text({name: self.texts[name] for name in fields if name in self.texts})
+MARKER: Final = "study.toml"
+"""File of a study in the folder of its runs."""
 
 
 @dataclass(frozen=True)
@@ -209,15 +184,47 @@ class Study:
         return replace(self, runs=runs, until=None)
 
     def run(self, folder: str | Path | None = None, **how: Any) -> Runs:
-        """Run the study, or continue it; see ``run.run_study``.
+        """Run the study, or continue it; in a folder, write its file too.
 
         Args:
             folder: where runs are saved; by default they are removed with the result.
             how: ``executor``, ``workers``, ``shard``, ``progress``, see ``run.run``.
         """
-        from vibroswarm.study.run import run_study
+        place = None if folder is None else Path(folder)
+        if place is not None:
+            about = manifest_text("study", hash=self.hash)
+            write_files(place, {MARKER: self.to_toml(), MANIFEST: about})
+        return run(self.cells, folder=place, **self._settings, **how)
 
-        return run_study(self, None if folder is None else Path(folder), **how)
+    @classmethod
+    def open(cls, folder: Path) -> tuple[Study, Runs]:
+        """Return the study in a folder, and its runs that are there.
+
+        Raises:
+            InputError: the folder holds no study.
+        """
+        read_manifest(folder, "study")
+        study = cls.read(folder / MARKER)
+        return study, opened(study.cells, folder=folder, **study._settings)
+
+    @property
+    def _settings(self) -> dict[str, Any]:
+        values = {name: getattr(self, name) for name in ("seed", "motion", "until", "name")}
+        return values | {"runs": self.runs or 1}
+
+    def refuse_other(self, folder: Path) -> None:
+        """Refuse a folder that holds anything but this study, or what a killed writer of one left.
+
+        Raises:
+            InputError: it does.
+        """
+        if has_manifest(folder):
+            if read_manifest(folder, "study")["hash"] != self.hash:
+                raise InputError("holds another study", field=str(folder))
+        elif any(
+            not (path.name in (MARKER, FOLDER) or path.name.startswith(".")) for path in folder.iterdir()
+        ):
+            raise InputError("exists but is not a study", field=str(folder))
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:

@@ -30,10 +30,10 @@ from vibroswarm.errors import warn_once
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import numbers
 from vibroswarm.study.batch import WALK
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.comparison import Answer, Compared, answers_of, comparison_table, comparisons
 from vibroswarm.study.precision import Settled
 from vibroswarm.study.runs import Runs
-from vibroswarm.study.spec import Cell
 
 
 @dataclass(frozen=True)
