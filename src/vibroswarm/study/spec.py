@@ -146,9 +146,10 @@ class Study:
         check_known_keys(values, "study", KEYS)
         with plugins.search_beside(folder):
             plugins.remember_code_names(values)  # so that parameters of code that is not loaded are accepted
-            values = plugins.resolve_codes(values)
-            if plugins.is_code(motion := values.get("motion")):
-                values["motion"] = plugins.resolve_code("motion", motion)
+            motion = values.get("motion", "event")
+            if plugins.is_code(motion):
+                motion = plugins.resolve_code("motion", motion)
+            values = {**plugins.resolve_codes(values), "motion": motion}
         base = values.get("scenario", {})
         if isinstance(base, str):
             base = Scenario.read((folder or Path()) / base)
