@@ -318,8 +318,8 @@ class Standings:
     def summary(self) -> pl.DataFrame:
         """All figures of each cell of the ``main`` entries, as a study has them (``summary.Outcome.table``)."""
         labels = {entry.label for entry in main_entries(self.league.entries)}
-        cells = tuple(cell for cell in self.study.cells if cell.point[LABEL] in labels)
-        return outcome_of(replace(self.study, cells=cells), compare=False).table
+        main = self.study.select(cell for cell in self.study.cells if cell.point[LABEL] in labels)
+        return outcome_of(main, compare=False).table
 
     @cached_property
     def maps(self) -> pl.DataFrame:

@@ -73,6 +73,8 @@ class Runs(NotebookView):
     name: str = ""
     folder: Path | None = None
     """Where they are saved; None: they are not."""
+    whole: Runs | None = None
+    """Those of which these cells were selected; None: these are all."""
 
     def __repr__(self) -> str:
         where = f"in {str(self.folder)!r}" if self.folder else "not saved"
@@ -105,7 +107,7 @@ class Runs(NotebookView):
 
     def settled(self, cell: Cell) -> Settled | None:
         """Return how far a cell is at its last look; None without a precision, or before the first look."""
-        return self._settled.get(cell.number)
+        return (self.whole or self)._settled[cell.number]
 
     @cached_property
     def _settled(self) -> dict[int, Settled | None]:
@@ -254,14 +256,18 @@ class Runs(NotebookView):
             name.replace("__", "."): value if isinstance(value, list) else [value]
             for name, value in values.items()
         }
-        cells = tuple(
+        cells = [
             cell
             for cell in self.cells
             if all(plain_of(cell.point.get(name)) in choices for name, choices in wanted.items())
-        )
+        ]
         if not cells:
             raise InputError(f"no cell has {wanted}; varied are {', '.join(self.varied)}", field="where")
-        return replace(self, cells=cells)
+        return self.select(cells)
+
+    def select(self, cells: Iterable[Cell]) -> Runs:
+        """Return the runs of some of the cells."""
+        return replace(self, cells=tuple(cells), whole=self.whole or self)
 
     def again(self, cell: Cell, runs: int | Iterable[int] = 1, **how: Any) -> Result:
         """Simulate runs of a cell again from the seed, with all their samples, which are not saved.

@@ -135,7 +135,7 @@ def outcome_of(runs: Runs, reference: str | None = None, *, compare: bool = True
     """
     without = tuple(cell for cell in runs.cells if not runs.there[cell.number])
     if without and len(without) < len(runs.cells):
-        runs = replace(runs, cells=tuple(cell for cell in runs.cells if cell not in without))
+        runs = runs.select(cell for cell in runs.cells if cell not in without)
     cells = [one for block, rows in runs.blocks() for one in _outcomes(runs, block, rows)]
     compared = tuple(comparisons(runs, reference)) if compare else ()
     return Outcome(runs, tuple(cells), compared, without, answers_of(compared))
