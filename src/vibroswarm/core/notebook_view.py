@@ -12,11 +12,6 @@ above: dict[str, Callable[..., Any]] = {}
 """The functions, by name."""
 
 
-def document_of(value: object) -> Any:
-    """Return the document of a result (``vibroswarm.show.document.Document``)."""
-    return above["document"](value)
-
-
 class NotebookView:
     """Base of what a notebook shows as HTML; texts from scenarios and files are escaped."""
 
