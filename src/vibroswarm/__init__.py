@@ -25,20 +25,6 @@ def _as_html(value: object) -> str:
     return html_of(value)
 
 
-def _as_document(value: object) -> object:
-    """Return the document of a result; the module that makes it is imported when it is needed."""
-    from vibroswarm.documents import document_of
-
-    return document_of(value)
-
-
-def _study_verbs() -> object:
-    """Return the functions behind the methods of studies; their module is imported when it is needed."""
-    from vibroswarm.study import evaluation
-
-    return evaluation
-
-
-above.update({"html": _as_html, "document": _as_document, "study verbs": _study_verbs})
+above.update({"html": _as_html})
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -15,5 +15,6 @@ from .scenario.scenario import Scenario as Scenario
 from .scenario.scenario import preset as preset
 from .simulation import replay as replay
 from .simulation import simulate as simulate
+from .study.runs import Runs as Runs
 from .study.spec import Study as Study
-from .study.study_result import StudyResult as StudyResult
+from .study.summary import outcome_of as outcome_of

@@ -7,7 +7,7 @@ import pytest
 from vibroswarm import preset
 from vibroswarm.motion.source import moved
 from vibroswarm.study.batch import beginning
-from vibroswarm.study.plan import plan_of
+from vibroswarm.study.runs import groups_of
 from vibroswarm.study.spec import Study
 
 RUNS = list(range(5))
@@ -39,16 +39,9 @@ def test_cells_of_several_ends_share_motion_and_come_out_as_alone() -> None:
         {"decision.min_observations": 50, "network.name": "loss", "network.loss.share": 0.05}
     )
     study = Study(base, varied, runs=6)
-    plan = plan_of(study)
-    assert len(plan.groups) == 1
-    assert plan.groups[0].first.run.t_end_s == 400.0
+    assert len(groups_of(study.cells)) == 1
     together = study.run()
     for cell in study.cells:
         alone = Study(cell.scenario, runs=6).run()
-        for one, other in zip(together.tables(cell.number), alone.tables(0), strict=True):
+        for one, other in zip(together.tables(cell), alone.tables(alone.cells[0]), strict=True):
             assert one.equals(other), cell.name
-
-
-def test_the_hash_of_a_study_of_one_end_is_what_it_was() -> None:
-    """It changes with the scenario's fields only, and not with how cells share motion."""
-    assert Study(preset("paper"), runs=1).hash == "345ddaa575ebd377"

@@ -26,7 +26,6 @@ from vibroswarm.scenario.plugins import load_file
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
 from vibroswarm.strategies.base import forget
-from vibroswarm.study.scenario_words import warnings_of
 from vibroswarm.study.spec import Study
 
 VOTER = Path(__file__).parents[2] / "examples" / "strategies" / "voter.py"
@@ -181,7 +180,7 @@ def test_runs_are_what_they_are_in_any_order_alone_and_in_studies() -> None:
     told = study.run()
     for cell in study.cells:
         apart = simulate(cell.scenario, 8, [0, 1]).robots
-        of_study = told.robots(cell.number)
+        of_study = told.tables(cell)[0]
         for name in ("decision", "samples", "messages_received"):
             assert of_study[name].to_list() == apart[name].to_list()
 
@@ -305,11 +304,3 @@ def test_the_comparison_sees_a_fault_that_one_way_forgets() -> None:
         forgets = scenario.with_values({f"faults.{kind}": 0.0})
         plain = plain_run(forgets, 8, result.motion, result.ends, result.observations)
         assert list(differences(result, plain)) != []
-
-
-def test_a_fault_that_the_network_does_not_know_is_warned_of() -> None:
-    (warning,) = warnings_of(faulty({"radio_dead": [1]}, network__name="tree"))
-    assert "robots with faults.radio_dead go on relaying" in warning
-    assert not warnings_of(
-        faulty({"battery_empty": [1], "battery_life_s": [50.0, 90.0]}, network__name="range")
-    )

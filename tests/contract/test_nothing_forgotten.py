@@ -16,8 +16,9 @@ from vibroswarm.scenario.fault_fields import MotionFaults
 from vibroswarm.scenario.scenario import Scenario, field_types, value_of
 from vibroswarm.simulation import OF_MOTION
 from vibroswarm.strategies import Strategy, none
-from vibroswarm.study.plan import plan_of
+from vibroswarm.study.runs import groups_of
 from vibroswarm.study.spec import Study
+from vibroswarm.study.store import key_of
 
 NAMES = field_types()
 ONE_MOTION = ("run.t_end_s",)
@@ -63,13 +64,12 @@ def pair(name: str) -> tuple[Scenario, Scenario]:
     return base, base.with_values({name: value + 1 if field_types()[name] is int else value * 0.5 + 0.25})
 
 
-def groups_of(one: Scenario, other: Scenario, name: str) -> tuple[int, int]:
+def shared(one: Scenario, other: Scenario, name: str) -> tuple[int, int]:
     """Motions and replays of a study of two cells."""
     values = [value_of(one, name), value_of(other, name)]
     study = Study(one.model_dump(exclude_none=True), {"grid": {name: values}}, runs=1)
     assert [cell.scenario.hash for cell in study.cells] == [one.hash, other.hash]
-    plan = plan_of(study)
-    return len(plan.groups), plan.inferences
+    return len(groups_of(study.cells)), len({key_of(cell.scenario) for cell in study.cells})
 
 
 PROBED = [*NAMES, "strategy.probe.first", "strategy.probe.second", "task.probe.second"]
@@ -93,7 +93,7 @@ def check_hash_and_plan(name: str) -> None:
     assert len(pieces) == 2, name
     if value_of(one, name) is None:  # it cannot be said in a grid
         return
-    motions, replays = groups_of(one, other, name)
+    motions, replays = shared(one, other, name)
     assert replays == 2, f"{name}: cells that differ were merged"
     section, _, field = name.partition(".")
     moves = section in OF_MOTION and name not in ONE_MOTION
@@ -117,14 +117,14 @@ def test_all_parameters_of_all_that_is_known_are_among_the_fields() -> None:
 def test_a_table_that_is_not_chosen_changes_nothing() -> None:
     one, other = Scenario(), Scenario().with_values({"strategy.soft.eta": 3.0})
     assert one.hash == other.hash
-    assert groups_of(one, other, "strategy.soft.eta") == (1, 1)
+    assert shared(one, other, "strategy.soft.eta") == (1, 1)
     assert other.with_values({"strategy.name": "soft"}).strategy.params.eta == 3.0, "it is kept"
 
 
 def test_cells_that_end_when_all_have_decided_move_by_themselves() -> None:
     early = Scenario().with_values({"run.stop": "all_decided"})
     other = early.with_values({"decision.credible_threshold": 0.9})
-    assert groups_of(early, other, "decision.credible_threshold") == (2, 2)
+    assert shared(early, other, "decision.credible_threshold") == (2, 2)
 
 
 def test_a_key_that_leaves_a_field_out_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,4 +137,4 @@ def test_a_key_that_leaves_a_field_out_is_seen(monkeypatch: pytest.MonkeyPatch) 
     one, other = pair("strategy.probe.second")
     monkeypatch.setattr(Scenario, "hash", property(forgetful))
     assert one.hash == other.hash
-    assert groups_of(one, other, "strategy.probe.second") == (1, 1)
+    assert shared(one, other, "strategy.probe.second") == (1, 1)

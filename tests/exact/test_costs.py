@@ -16,7 +16,6 @@ from vibroswarm.analysis.intervals import Interval
 from vibroswarm.core.numbers import with_limits
 from vibroswarm.errors import InputError
 from vibroswarm.optimize import costs
-from vibroswarm.optimize.grid import _above_best
 from vibroswarm.optimize.objective import Objective, bootstrap, corrected, worst_case
 from vibroswarm.optimize.outcomes import Outcomes, from_tables, outcomes_of
 from vibroswarm.optimize.validation import Scored, paired_score, scored_of
@@ -371,27 +370,3 @@ def test_scores_are_paired_by_the_number_of_the_run() -> None:
         for kept, more in ((runs[10:], 0.5), (runs[:50], 0.0))
     )
     assert paired_score(objective, first, other)[:3] == pytest.approx((0.5, 0.5, 0.5))
-
-
-@pytest.mark.slow
-def test_the_lowest_of_equal_cells_of_a_grid_is_not_called_better_than_others() -> None:
-    """One cell of 8 at least was called higher in 9 of 15 grids, by the interval of each pair alone.
-
-    How often that may be is tested where the best group is (``test_league``).
-    """
-    random, objective, runs, called = np.random.default_rng(3), Objective("intended"), np.arange(60), 0
-    for _ in range(3):
-        costs_of_runs = random.gamma(2.0, 1.0, (60, 1)) + random.gamma(2.0, 1.0, (60, 9))
-        costs_of_runs[:, 8] += 4.0
-        cells = [scored_of("cell", {}, objective, row[:, None, None], runs) for row in costs_of_runs.T]
-        above = _above_best(objective, cells)
-        assert min(one.estimate for one in above) == 0.0
-        assert above[8].low > 0.0, "the control"
-        called += any(one.low > 0.0 for one in above[:8])
-    assert called == 0
-    # Of a cell without some runs, all are compared over the others.
-    cells[0] = scored_of("cell", {}, objective, costs_of_runs[10:, 0, None, None], runs[10:])
-    scores = [objective.score(row[10:, None, None]) for row in costs_of_runs.T]
-    assert [one.estimate for one in _above_best(objective, cells)] == pytest.approx(
-        np.array(scores) - min(scores)
-    )

@@ -63,8 +63,7 @@ def detection_by_hand(result: Result) -> list[float | None]:
 def test_a_study_scores_the_maps_of_its_robots(name: str) -> None:
     scenario = preset("paper").with_values({"strategy.name": name, "run.t_end_s": 200.0, "swarm.robots": 3})
     study = Study.of(scenario, runs=3, seed=4).run()
-    stored = study.agreements(0)
-    assert stored is not None
+    stored = study.rows(cells=study.cells[:1])
     maps = floor_maps(simulate(scenario, 4, 3)).drop_nulls("robot")
     for run in range(3):
         each = [
@@ -99,7 +98,10 @@ def test_maps_are_reported_as_they_are_at_the_end(name: str, boundary: float) ->
     (drawn,) = [text.words for text in texts if text.kind == "code"]
     assert drawn.count("!") == 16 - right
     of_study = (
-        Study.of(scenario, runs=2, seed=3).run().reported().filter(name="p").sort("run", "index")["value"]
+        Study.of(scenario, runs=2, seed=3)
+        .run()
+        .reported.filter(name_reported="p")
+        .sort("run", "index")["value"]
     )
     np.testing.assert_allclose(of_study, reported.reshape(2, 5, 16).mean(axis=1).ravel(), rtol=1e-12)
 
@@ -126,7 +128,6 @@ def test_who_keeps_no_map_has_no_scores(tmp_path: Path) -> None:
     cells = Study.of(preset("paper"), runs=2, strategy__name=["none", "places"], run__t_end_s=[60.0])
     result = cells.run(tmp_path / "study")
     assert [keeps_map(cell.scenario) for cell in cells.cells] == [False, True]
-    assert result.agreements(0) is None
     found = outcome_of(result)
     assert found.table["map_brier"].is_null().to_list() == [True, False]
     assert study_document(found).tables["maps"].frame.height == 1
@@ -137,12 +138,12 @@ def test_damage_is_detected_where_there_is_some() -> None:
     """Floors with 60 % vibrating are detected in a part of the run, those with 30 % not at all."""
     base = preset("paper").with_values({"strategy.name": "places", "run.t_end_s": 600.0, "swarm.robots": 3})
     study = Study.of(base, 3, 5, floor__source=["random:0.6", "random:0.32"]).run()
-    damaged, sound = (study.agreements(cell)["detection_time_s"] for cell in (0, 1))
+    damaged, sound = (study.rows(cells=[cell])["detection_time_s"] for cell in study.cells)
     assert sound.null_count() == 3
     assert 60.0 < damaged.mean() < 500.0
     # Of robots that must be surer, some have not detected it at the end, which counts as the whole time.
     unsure = base.with_values({"floor.source": "random:0.6", "decision.credible_threshold": 0.9995})
-    later = Study.of(unsure, 3, 5).run().agreements(0)["detection_time_s"]
+    later = Study.of(unsure, 3, 5).run().frame["detection_time_s"]
     assert later.to_list() == pytest.approx(detection_by_hand(simulate(unsure, 5, 3)))
     assert damaged.mean() + 50.0 < later.mean() < 600.0
 
@@ -158,7 +159,7 @@ def test_leagues_and_detections_show_maps_where_robots_keep_them() -> None:
         if names:
             row = tables["maps"].frame.row(0, named=True)
             assert (row["name"], row["runs"]) == ("places", 6)
-            own = standings.study.maps()
+            own = standings.study.frame.drop_nulls("map_brier")
             assert row["map_brier"] == pytest.approx(own["map_brier"].mean())
             assert row["detection_time_s"] == pytest.approx(own["detection_time_s"].mean())
             assert standings.main.maps.equals(standings.maps)

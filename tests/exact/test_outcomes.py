@@ -38,9 +38,10 @@ from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.data import document_data
 from vibroswarm.show.page import page_html
 from vibroswarm.simulation import simulate
-from vibroswarm.study.batch_table import OF_ROBOTS, OF_RUNS, BatchRows, arrays_of
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.detection import detection_of, detection_study
-from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.runs import Runs
+from vibroswarm.study.summary import outcome_of
 from vibroswarm.tasks import Asked, task
 
 T_END = 100.0
@@ -285,27 +286,6 @@ def test_who_keeps_no_posterior_has_no_estimate() -> None:
     np.testing.assert_allclose(spread_of(alpha, beta)[:1], beta_distribution(1.0, 3.0).std(), rtol=1e-13)
 
 
-def test_no_posterior_comes_through_a_batch_as_null() -> None:
-    finals = made_up()
-    robots, runs = tables_of(finals)
-    robots |= {name: robots[name].astype(np.float64) for name in ("alpha", "beta")}
-    robots["alpha"][1], robots["beta"][1], robots["estimate"][1] = np.nan, np.nan, np.nan
-    runs |= {name: np.zeros(RUNS) for name in OF_RUNS if name not in runs}
-    batch = BatchRows(range(CELLS), range(RUNS), SWARM)
-    batch.put([[cell] for cell in range(CELLS)], 0, {name: robots[name] for name in OF_ROBOTS}, runs)
-    table = batch.table()
-    by_cell = table.group_by("cell", maintain_order=True).agg(
-        pl.col("alpha").null_count(), pl.col("beta").count()
-    )
-    assert by_cell["alpha"].to_list() == [0, RUNS * SWARM, 0]
-    assert by_cell["beta"].to_list() == [RUNS * SWARM, 0, RUNS * SWARM]
-    again, of_runs = arrays_of(table.sample(fraction=1.0, shuffle=True, seed=2), range(CELLS), RUNS, SWARM)
-    for name in OF_ROBOTS:
-        np.testing.assert_array_equal(again[name], robots[name])
-    np.testing.assert_array_equal(of_runs["consensus"], runs["consensus"])
-    assert np.isnan(run_figures(again, of_runs, T_END)["estimate"][1]).all()
-
-
 @pytest.fixture(scope="module")
 def paper() -> Result:
     return simulate(preset("paper"), 1, 4, energies=False)
@@ -349,7 +329,7 @@ def first_wrong_s(swarms: Swarms) -> NDArray[np.float64]:
     return swarms.least(np.where(wrong, swarms.robots["decision_time_s"], np.nan))
 
 
-def first_wrong_by_hand(study: StudyResult, cell: int) -> float | None:
+def first_wrong_by_hand(study: Runs, cell: Cell) -> float | None:
     robots, runs = study.tables(cell)
     times = []
     for run, truth in runs.select("run", "truth").iter_rows():
@@ -375,13 +355,13 @@ def test_a_figure_is_declared_once_for_studies_leagues_and_detections(
     ).play()
     detected = detection_study(base, [2], [0.48, 0.56], 4, 3).run()
     for study, table in (
-        (standings.study, standings.study.summary()),
+        (standings.study, outcome_of(standings.study, compare=False).table),
         (standings.study, standings.summary),
         (detected, detection_of(detected, 0.05).tables["summary"]),
     ):
         assert {figure.name, "first_wrong_s_low", "robots_right"} <= set(table.columns)
         found = dict(table.select("cell", figure.name).iter_rows())
-        by_hand = {cell: first_wrong_by_hand(study, cell) for cell in study.selected}
+        by_hand = {cell.number: first_wrong_by_hand(study, cell) for cell in study.cells}
         assert found == pytest.approx(by_hand, nan_ok=True)
         assert any(value is not None for value in by_hand.values())
     played = league_document(standings, league_tables(standings) | {"summary": standings.summary})
@@ -391,8 +371,9 @@ def test_a_figure_is_declared_once_for_studies_leagues_and_detections(
     own = [v for v in standings.summary[figure.name][:2] if v is not None]
     assert said["figures"][0][figure.name] == pytest.approx(np.mean(own))
     assert figure.title in page
-    (paired,) = compare(standings.study.figures(0), standings.study.figures(2), (figure.name,))
-    both = standings.study.figures(0).join(standings.study.figures(2), on="run", suffix="_2")
+    first, second = (standings.study.rows(cells=[standings.study.cells[k]]) for k in (0, 2))
+    (paired,) = compare(first, second, (figure.name,))
+    both = first.join(second, on="run", suffix="_2")
     by_hand_s = (both[figure.name] - both[f"{figure.name}_2"]).mean()
     assert by_hand_s is not None
     assert paired.difference.estimate == pytest.approx(by_hand_s)

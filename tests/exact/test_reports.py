@@ -19,7 +19,7 @@ from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.plots.reports import draw_run_reports
 from vibroswarm.strategies import Report, Strategy, array, register
 from vibroswarm.strategies.base import forget
-from vibroswarm.study.summary import outcome_of, write_outcome
+from vibroswarm.study.summary import outcome_of
 
 PAPER = preset("paper").with_values({"run.t_end_s": 300.0})
 RUNS, ROBOTS = 4000, 5
@@ -209,14 +209,12 @@ def test_studies_have_a_figure_of_each_report(counted: Scenario, stop: str, tmp_
     others = outcome.reported.filter(pl.col("report") == "agreed")
     assert others["index"].to_list() == [0, 1, 2]
     assert others["error"].null_count() == 3
-    write_outcome(outcome, tmp_path)
-    assert (tmp_path / "reported.csv").is_file()
 
 
 def test_robots_without_a_value_are_left_out_of_its_mean(counted: Scenario) -> None:
     """Before its first sample a robot has nothing to report."""
     early = counted.with_values({"run.t_end_s": 6.0})
-    found = Study(early, runs=20, seed=4).run().reported().filter(pl.col("name") == "share")
+    found = Study(early, runs=20, seed=4).run().reported.filter(pl.col("name_reported") == "share")
     result = simulate(early, seed=4, runs=20)
     assert result.reports is not None
     told = result.reports.filter(pl.col("name") == "share").group_by("run").agg(pl.col("value").mean())
@@ -283,8 +281,8 @@ def test_what_robots_may_claim_is_read_back(claiming: Scenario, tmp_path: Path) 
     result.write(tmp_path / "run")
     assert Result.read(tmp_path / "run") == result
     study = Study(claims, runs=2).run(tmp_path / "study")
-    assert study.robots()["estimate"].unique().to_list() == [12.5]
-    assert Study(claims, runs=2).run(tmp_path / "study").runs()["fill_ratio"].to_list() == [12.0, 12.0]
+    assert study.robots["estimate"].unique().to_list() == [12.5]
+    assert Study(claims, runs=2).run(tmp_path / "study").frame["fill_ratio"].to_list() == [12.0, 12.0]
     tasks.base.forget("tiles")
 
 

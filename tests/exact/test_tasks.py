@@ -17,8 +17,9 @@ from vibroswarm.inference.outcomes import costs_of, forced_errors
 from vibroswarm.league.fronts import guess_level
 from vibroswarm.optimize.costs import COSTS
 from vibroswarm.optimize.outcomes import outcomes_of
-from vibroswarm.study.cell_comparison import comparisons
-from vibroswarm.study.detection import detect
+from vibroswarm.study.cells import Cell
+from vibroswarm.study.comparison import comparisons
+from vibroswarm.study.run import run
 from vibroswarm.tasks import Task, base, register
 
 PAPER = preset("paper").with_values({"run.t_end_s": 300.0, "decision.min_observations": 40})
@@ -89,8 +90,8 @@ def test_a_study_of_estimates_compares_their_errors() -> None:
     result = study.run()
     alone = simulate(SHARE.with_values({"strategy.name": "mcp"}), 1, 12)
     of_cell = result.where(**{"strategy.name": "mcp", "task.name": "share"})
-    assert of_cell.runs()["fill_ratio"].to_list() == alone.runs["fill_ratio"].to_list()
-    assert of_cell.robots()["estimate"].to_list() == alone.robots["estimate"].to_list()
+    assert of_cell.frame["fill_ratio"].to_list() == alone.runs["fill_ratio"].to_list()
+    assert of_cell.robots["estimate"].to_list() == alone.robots["estimate"].to_list()
     compared = comparisons(result.where(**{"task.name": "share"}))
     assert [one.paired.figure for one in compared] == ["estimate_error", "estimate_crps"]
     decided = comparisons(
@@ -207,20 +208,13 @@ def test_a_study_of_tasks_with_different_costs_keeps_them_apart() -> None:
         "plain": PAPER.with_values({"task.costs": [[0, 1], [1, 0]], "run.t_end_s": 600.0}),
         "three": PAPER.with_values({**THREE, "run.t_end_s": 20.0}),
     }
-    errors = Study.of_scenarios(labels, 10, 1).run().by_run(["forced_error"])["forced_error"]
+    cells = [Cell(k, {}, scenario, name) for k, (name, scenario) in enumerate(labels.items())]
+    errors = run(cells, 10, 1).by_run(["forced_error"])["forced_error"]
     for (name, scenario), error in zip(labels.items(), errors, strict=True):
         result = simulate(scenario, 1, 10)
         table = run_figures(result.robots, result.runs, scenario.run.t_end_s, costs=costs_of(scenario))
         np.testing.assert_array_equal(error, table["forced_error"].to_numpy(), err_msg=name)
     np.testing.assert_allclose(errors[0], errors[1] / 4)  # on .48 mistakes are false alarms
-
-
-def test_detection_tolerates_cheap_false_alarms_more_often() -> None:
-    scenario = PAPER.with_values({"task.costs": [[0, 1], [3, 0]], "run.t_end_s": 60.0})
-    few = {"robots": [2], "fills": [0.24, 0.76], "runs": 4}
-    assert detect(scenario, 0.1, **few).false_alarms == pytest.approx(0.3)
-    assert detect(scenario, 0.1, 0.02, **few).false_alarms == 0.02
-    assert detect(scenario.with_values({"task.costs": None}), 0.1, **few).false_alarms == 0.1
 
 
 # Bad input

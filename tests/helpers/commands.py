@@ -23,13 +23,6 @@ def output_of(capsys: pytest.CaptureFixture[str], *line: object) -> str:
     return capsys.readouterr().out
 
 
-def remarks_of(capsys: pytest.CaptureFixture[str], *line: object) -> str:
-    """Return what a command that must succeed writes beside its output, without its line breaks."""
-    capsys.readouterr()
-    assert main([str(word) for word in line]) == 0
-    return " ".join(capsys.readouterr().err.split())
-
-
 def words_of(capsys: pytest.CaptureFixture[str], *line: object) -> str:
     """Return what a command prints, which must succeed, without its line breaks."""
     return " ".join(output_of(capsys, *line).split())

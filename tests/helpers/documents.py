@@ -23,7 +23,6 @@ SMALL = {
     "inspect --plan": ["--runs", "4", "--plates", "10", "--minutes", "5"],
     "inspect --damage": ["--sizes", "20", "--replicates", "99"],
     "inspect --out damage": ["--sizes", "14,28", "--contrasts", "1,0.5", "--replicates", "99"],
-    "evaluate merge": ["--no-pictures"],
     "league tune": [
         *(
             "--runs",
@@ -38,7 +37,6 @@ SMALL = {
             "2",
         ),
     ],
-    "optimize compare": ["--runs", "4"],
     "optimize sensitivity": ["--budget", "1120"],
     "evaluate": ["--runs", "4", "--no-pictures"],
     "league --belief-runs": ["--runs", "4", "--patterns", "stripe", "--fills", "0.48"],
@@ -117,8 +115,6 @@ def small(command: list[str]) -> list[str]:
     of_it = (name for name in SMALL if name.split()[0] == command[0] and set(name.split()) <= set(command))
     name = next(of_it, "")
     changes = SMALL.get(name, [])
-    if name == "optimize" and "grid" in command:
-        changes = ["--runs", "4", "--fresh", "20", "--no-pictures"]
     if name == "reproduce" and "--only" not in command:
         changes = [*changes, "--columns", "paper"]
     dropped = {"--until", *(word for word in changes if word.startswith("--"))}

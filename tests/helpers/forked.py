@@ -15,7 +15,7 @@ from typing import Any
 METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
 FORKED: Any = multiprocessing.get_context(METHOD)
 """Where there is no fork, each process starts Python."""
-FORKED.set_forkserver_preload(["vibroswarm.study.run", "vibroswarm.study.executors", "distributed.worker"])
+FORKED.set_forkserver_preload(["vibroswarm.study.run", "distributed.worker"])
 
 
 def begin(function: Any, *arguments: Any) -> Any:

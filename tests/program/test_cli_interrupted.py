@@ -44,16 +44,18 @@ def here(tmp_path, monkeypatch):
 def stop_after(times: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the so manieth piece of finished work end with Ctrl-C, once it is saved."""
     left = [times]
-    for kind in (Store, SearchFolder):
-        real = kind.add
 
-        def add(self, *given, real=real):
+    def ending(real):
+        def add(self, *given):
             real(self, *given)
             left[0] -= 1
             if left[0] == 0:
                 raise KeyboardInterrupt
 
-        monkeypatch.setattr(kind, "add", add)
+        return add
+
+    monkeypatch.setattr(Store, "put", ending(Store.put))
+    monkeypatch.setattr(SearchFolder, "add", ending(SearchFolder.add))
 
 
 def results(text: str) -> list[str]:

@@ -32,17 +32,14 @@ t_end_s = 100.0
 name = "soft"
 [scenario.decision]
 min_observations = 20
-[space]
+[grid]
 "strategy.soft.eta" = { from = 10, to = 1000, steps = 3 }
 "strategy.soft.kappa" = [1.0, 2.0]
-[objective]
-cost = "decision_time"
-statistic = "mean"
 """
 
 COMMANDS = (
     "vibroswarm run --scenario best.toml",
-    "vibroswarm optimize compare best.toml paper --search search.toml",
+    "vibroswarm evaluate best.toml paper",
     "vibroswarm optimize search.toml --out .",
 )
 
@@ -82,10 +79,9 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert (out / "pictures" / "parameters.svg").is_file()
     assert (out / "report.html").read_bytes() == page
     with monkeypatch.context() as patched:
-        patched.setattr("vibroswarm.study.executors.versions", lambda: {"code": "later"})
+        patched.setattr("vibroswarm.optimize.steps.versions", lambda: {"code": "later"})
         said = refusal_of(capsys, "optimize", search, "--out", out)
     assert "was begun by other versions" in said
-    assert "or add --mixed to continue anyway" in said
     assert about["answer"][0][:20].encode() in page
     assert sum(row["runs"] for row in about["tables"]["runs"] if row["stage"] in ("search", "race")) == 150
     true = about["tables"]["truth"][1]
@@ -94,7 +90,7 @@ def test_a_search_is_made_kept_and_gone_on_with(
         patched.chdir(out)
         for command in COMMANDS:
             assert unbroken_options(command) in page.decode()
-            assert main([*command.split()[1:], *(["--runs", "4"] if "compare" in command else [])]) == 0
+            assert main([*command.split()[1:], *(["--runs", "4"] if "evaluate" in command else [])]) == 0
         assert (out / "report.html").read_bytes() == page
     assert "seed is 3 there and 4 here" in refusal_of(capsys, "optimize", search, "--out", out, "--seed", "4")
     # More fresh runs are advised where too few were made; the search is not repeated.
@@ -145,85 +141,17 @@ def killed(command: list[str], out: Path) -> int:
     return process.wait()
 
 
-def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    short = tmp_path / "p.toml"
-    short.write_text('preset = "paper"\n[run]\nt_end_s = 200.0\n[decision]\nmin_observations = 20\n')
-    long = tmp_path / "q.toml"
-    long.write_text('preset = "paper"\n[run]\nt_end_s = 200.0\n[decision]\nmin_observations = 100\n')
-    options = ["optimize", "compare", str(short), str(long), "--runs"]
-    assert "on other seeds" in words_of(capsys, *options, "20")
-    found = json_of(capsys, *options, "150", "--cost", "decision_time", "--json")
-    first, second = found["tables"]["differences"]
-    assert first["confirmed"]
-    assert first["difference_high"] < 0
-    assert second["difference_high"] < 0
-    assert "p.toml is better" in found["answer"][0]
-    figures = {one["figure"]: one for one in found["tables"]["figures"]}
-    assert figures["decision_time_s"]["difference_high"] < 0
-    floors = tmp_path / "floors.toml"
-    floors.write_text(SMALL + '[grid]\n"floor.source" = ["stripe:0.48", "alternating:0.48"]\n')
-    tables = json_of(capsys, *options, "20", "--search", floors, "--json")["tables"]
-    cases = [row["score"] for row in tables["cases"] if row["name"] == str(short)]
-    assert len(cases) == 2
-    assert tables["scores"][0]["score"] == max(cases)
-    same = ["optimize", "compare", str(short), str(short), "--runs", "20", "--json"]
-    found = json_of(capsys, *same)
-    assert found["tables"]["differences"][0]["difference"] == 0
-    assert "does not mean that they are equal" in found["answer"][0]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("empty_pictures")
 def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "grid.toml"
+    path, out = tmp_path / "grid.toml", tmp_path / "out"
     path.write_text(GRID)
-    out = tmp_path / "out"
-    said = output_of(
-        capsys, "optimize", path, "--method", "grid", "--out", out, "--fresh", "50", "--pictures"
-    )
-    assert "luck" in said
-    assert "during the search (believed)" in said
-    tables = json_of(capsys, "show", out, "--json")["tables"]
-    believed, true, _ = tables["truth"]
-    assert true["runs"] == 50
-    assert believed["score"] == min(cell["score"] for cell in tables["grid"])
-    assert believed["score"] != true["score"]  # other runs
-    table = pl.read_csv(out / "grid.csv")
-    assert table.height == 6
-    assert (out / "pictures" / "grid-score.png").is_file()
-    assert said.endswith(f"Page: open {out / 'report.html'} in a browser\n")
-    page = (out / "report.html").read_bytes()
-    again = ["optimize", str(out / "grid.toml"), "--method", "grid", "--fresh", "50", "--out", str(out)]
-    assert main(again) == 0  # as the page says that it is done again
-    capsys.readouterr()
-    assert (out / "report.html").read_bytes() == page
-    best = ["optimize", "compare", str(out / "best.toml"), "--search", str(out / "grid.toml"), "--runs", "4"]
-    assert main(best) == 0  # as it says that the lowest cell is scored
-    assert main(["run", "--scenario", str(out / "best.toml")]) == 0
+    line = ["evaluate", path, "--cost", "decision_time", "--no-pictures", "--out", out]
+    tables = json_of(capsys, *line, "--json")["tables"]
+    table = pl.read_csv(out / "scores.csv")
+    assert table.height == len(tables["scores"]) == len(tables["summary"])
     best = table.sort("score").row(0, named=True)
     assert best["above_best"] == 0
-    assert best["as_good_as_best"]
-    assert (table["score"] == table["decision_time_s"]).all() or (
-        (table["score"] - table["decision_time_s"]).abs().max() < 1e-9  # type: ignore[operator]
-    )
-
-
-def test_scenarios_are_compared_on_the_motion_of_the_search(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from vibroswarm.optimize import scenario_comparison
-
-    seen, figures_of = [], scenario_comparison.figures_of
-
-    def noted(*arguments: object, **named: object) -> object:
-        seen.append(named["motion"])
-        return figures_of(*arguments, **named)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(scenario_comparison, "figures_of", noted)
-    path = tmp_path / "search.toml"
-    path.write_text('motion = "fixed-step"\n' + SMALL)
-    assert main(["optimize", "compare", "paper", "--search", str(path), "--runs", "2"]) == 0
-    assert seen == ["fixed-step"] * 4
+    assert best["best_group"]
+    assert "on fresh runs" in output_of(capsys, *line)
 
 
 def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

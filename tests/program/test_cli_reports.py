@@ -41,7 +41,7 @@ def test_a_study_keeps_numbers_pictures_and_a_report(swept: Path) -> None:
     assert {
         "study.toml",
         "vibroswarm.json",
-        "shards",
+        "runs",
         "summary.csv",
         "comparisons.csv",
     } <= there

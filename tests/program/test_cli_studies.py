@@ -1,8 +1,7 @@
-"""``vibroswarm evaluate``, ``sweep``, ``merge`` and ``show`` as a user meets them."""
+"""``vibroswarm evaluate`` and ``show`` as a user meets them."""
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -12,15 +11,11 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from polars.testing import assert_frame_equal
 
 import vibroswarm
-from helpers.commands import output_of, remarks_of
+from helpers.commands import refusal_of
 from vibroswarm.cli import main
-from vibroswarm.core import folders
-from vibroswarm.study import executors
-from vibroswarm.study.spec import FORMAT
-from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.spec import Study
 
 QUIET = ["--no-pictures"]
 TEXT = """
@@ -46,123 +41,57 @@ def sweep(*arguments: object) -> int:
     return main(["evaluate", *(str(a) for a in arguments), *QUIET])
 
 
-def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):
+def test_a_study_is_kept_and_gone_on_with(study, tmp_path, capsys):
     out = tmp_path / "out put" / "one"
     assert sweep(study, "--out", out) == 0
     told = capsys.readouterr()
-    assert "2 cells, 20 runs each, seed 1; all see the same paths and readings" in told.err
-    assert "To do: 20 runs of motion\n" in told.err
+    assert "2 cells, 20 runs each, seed 1" in told.err
     assert "20 runs per cell" in told.out
     assert str(out) in told.out
-    assert StudyResult.open(out).runs().height == 40
     assert pl.read_csv(out / "summary.csv").height == 2
-    before, again = sorted(p.name for p in out.rglob("*")), ("evaluate", study, "--out", out, *QUIET)
-    assert "Nothing to do: all runs exist." in remarks_of(capsys, *again)
+    before = sorted(p.name for p in out.rglob("*"))
+    assert sweep(study, "--out", out) == 0
     assert sorted(p.name for p in out.rglob("*")) == before
-    assert "To do: 10 runs of motion" in remarks_of(capsys, *again, "--runs", "30")
-    assert StudyResult.open(out).runs().height == 60
+    assert sweep(study, "--out", out, "--runs", "30") == 0
+    assert Study.open(out)[1].frame.height == 60
     assert sweep(out / "study.toml", "--out", out) == 0, "its own study file is the study"
     assert not list(tmp_path.rglob("*/.*"))
 
 
-def test_evaluate_is_the_sweep_of_its_options(tmp_path, study, capsys):
-    line = ["evaluate", "--robots", "2", "--set", "run.t_end_s=60", "--strategy", "none,soft", "--runs", "20"]
-    assert main([*line, "--out", str(tmp_path / "e"), *QUIET]) == 0
-    again = remarks_of(capsys, "evaluate", study, "--out", tmp_path / "e", *QUIET)
-    assert "Nothing to do: all runs exist." in again, "another study would be refused"
-
-
-def test_shares_are_merged_as_a_sweep_is(study, tmp_path, capsys):
-    line = ["evaluate", str(study), "--out", str(tmp_path / "whole"), "--runs", "400", "--no-pictures"]
-    assert main(line) == 0
-    shares = [str(tmp_path / f"share {k}") for k in (1, 2, 3)]
-    for k, folder in enumerate(shares, 1):
-        share = ("--runs", "400", "--shard", f"{k}/3")
-        assert f"Shard {k} of 3 is done" in output_of(
-            capsys, "evaluate", study, "--out", folder, *share, *QUIET
-        )
-    out = tmp_path / "joined"
-    assert main(["evaluate", "merge", str(out), *shares[:2], "--no-pictures"]) == 1
-    told = capsys.readouterr().err
-    assert "is incomplete" in told
-    assert "Traceback" not in told
-    assert main(["evaluate", "merge", str(out), shares[2], "--no-pictures"]) == 0
-    a, b = StudyResult.open(out), StudyResult.open(tmp_path / "whole")
-    assert_frame_equal(a.robots(), b.robots(), check_exact=True)
-    assert_frame_equal(a.runs(), b.runs(), check_exact=True)
-    assert (out / "summary.csv").read_bytes() == (tmp_path / "whole" / "summary.csv").read_bytes()
-    joined, whole = ((tmp_path / name / "comparisons.csv").read_text() for name in ("joined", "whole"))
-    assert joined == whole
+def test_runs_stay_when_another_study_takes_the_folder(study, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert sweep(study, "--out", out) == 0
+    files = set((out / "runs").iterdir())
+    line = ["--robots", "2", "--set", "run.t_end_s=60", "--strategy", "soft", "--runs", "20", "--out", out]
+    assert "holds another study" in refusal_of(capsys, "evaluate", *line, *QUIET)
+    assert sweep(*line, "--force") == 0
+    assert set((out / "runs").iterdir()) == files, "its runs were there already"
+    assert Study.open(out)[1].frame.height == 20
 
 
 BAD = {
     "evaluate nowhere.toml": ("nowhere.toml", "cannot be read"),
-    "evaluate .": ("is a folder",),
-    "evaluate binary.toml": ("binary.toml", "UTF-8"),
     "evaluate not.toml": ("not.toml", "is not TOML"),
     "evaluate field.toml": ("grid.swarm.robot", "did you mean 'swarm.robots'?"),
-    "evaluate empty.toml": ("grid", "is empty"),
     "evaluate zero.toml": ("runs: 0 is wrong",),
-    "evaluate newer.toml": ("is of format", "this version reads format"),
-    "evaluate one.toml --runs 0": ("runs: 0 is wrong",),
-    "evaluate one.toml --runs many": ("--runs", "'many' is not a whole number"),
     "evaluate one.toml --workers 0": ("--workers: 0 is not from 1 to 4096",),
-    "evaluate one.toml --workers x": ("--workers", "not a whole number"),
-    "evaluate one.toml --executor thread": ("--executor", "did you mean 'threads'?"),
-    "evaluate one.toml --executor dask://127.0.0.1:1": ("no Dask scheduler answers at 'dask://127.0.0.1:1'",),
-    "evaluate one.toml --executor nowhere.json": ("there is no scheduler file 'nowhere.json'",),
-    "evaluate one.toml --out out --shard 5/4": ("--shard", "'5/4' is not a job"),
-    "evaluate one.toml --out out --shard half": ("--shard", "such as 3/16"),
+    "evaluate one.toml --executor thread": ("there is no executor 'thread'",),
+    "evaluate one.toml --out out --shard 5/4": ("--shard", "'5/4' is not a part"),
     "evaluate one.toml --shard 1/2": ("--shard", "needs --out"),
-    "evaluate one.toml --out out --shard 1/2 --json": ("--json", "--shard runs a part"),
-    "evaluate one.toml --out out --batch 0:0-5 --open": ("--open", "--batch runs a part"),
-    "evaluate one.toml --out out --shard 1/2 --batch 0:0-5": ("--batch", "cannot be used with --shard"),
-    "evaluate until.toml --out out --shard 1/2": ("--shard", "needs a fixed number of runs"),
-    "evaluate one.toml --out out --batch 7": ("--batch", "is not a batch"),
-    "evaluate one.toml --out out --batch 3:0-5": ("--batch", "there is no group 3"),
-    "evaluate one.toml --style colum": ("--style", "did you mean 'column'?"),
-    "evaluate one.toml --style slide": ("--style", "needs --out DIR"),
-    "evaluate one.toml --mixed": ("--mixed", "has no effect without --out DIR"),
+    "evaluate until.toml --out out --shard 1/2": ("--shard", "needs a number of runs"),
     "evaluate one.toml --seed 1": ("--seed", "is not for a study file"),
-    "evaluate one.toml --motion event": ("--motion", "is not for a study file"),
     "evaluate one.toml --strategy soft": ("--strategy: is not for a study file",),
-    "evaluate one.toml --set swarm.robots=2": ("--set: is not for a study file",),
-    "evaluate one.toml --vary swarm.robots=2,3": ("--vary: is not for a study file",),
-    "evaluate one.toml --max-runs 0": ("--max-runs", "is not for a study file"),
     "evaluate one.toml --out file": ("file", "is a file; give the name of a folder"),
-    "evaluate one.toml --out dangling": ("dangling", "is a symbolic link to nothing"),
-    "evaluate one.toml --out file/deeper": ("cannot be made: 'file' is not a folder",),
     "evaluate one.toml --out thesis": ("thesis", "exists but is not a study"),
-    "evaluate one.toml --out newer": ("newer", "this version reads format"),
-    "evaluate one.toml --out other": ("other", "holds another study", "seed is 9 there and 1 here"),
-    "evaluate one.toml --out /proc/nobody": ("/proc/nobody", "cannot be made"),
-    "evaluate --runs 0": ("runs", "0 is wrong"),
+    "evaluate one.toml --out other": ("other", "holds another study"),
+    "evaluate one.toml --cost authors": ("did you mean 'authors_code'?",),
     "evaluate --runs 5 --until 2%": ("--until", "not both"),
     "evaluate --until 2": ("until", "such as 2%"),
     "evaluate --until 2% --figure robots_rigth": ("figure", "did you mean 'robots_right'?"),
-    "evaluate --until 2% --max-runs 5": ("max_runs", "whole number from 100"),
-    "evaluate --until 2% --shard 1/2 --out out": ("--shard", "needs a fixed number of runs"),
-    "evaluate --figure robots_right": ("--figure", "needs --until"),
-    "evaluate --keep-samples": ("--keep-samples", "needs --out DIR"),
     "evaluate --vary robots=5": ("robots", "did you mean 'swarm.robots'?"),
-    "evaluate --vary swarm.robots": ("--vary", "section.field=value,value"),
-    "evaluate --vary robot.robots=2": (
-        "--vary robot.robots: there is no such field, did you mean 'swarm.robots'?",
-    ),
     "evaluate --vary swarm.robots=5,0": ("in the cell with swarm.robots = 0",),
-    "evaluate --vary swarm.robots=5 --vary swarm.robots=6": ("varied twice",),
     "evaluate --strategy none,sof": ("did you mean 'soft'?",),
-    "evaluate --strategy none,soft --vary strategy.name=none": ("also set by --strategy",),
-    "evaluate --strategy soft --vary strategy.name=none,soft": ("also set by --strategy",),
-    "evaluate --task share --vary task.name=share,mean": ("also set by --task",),
-    "evaluate --seed x": ("--seed", "not a whole number"),
-    "evaluate --motion evnt": ("motion", "did you mean 'event'?"),
     "show nowhere": ("nowhere", "there is no such file"),
-    "show file": ("file", "neither a folder nor a file that vibroswarm shows"),
-    "show newer": ("newer", "this version reads format"),
-    "evaluate merge out nowhere": ("nowhere", "is not a study of vibroswarm"),
-    "evaluate merge out other another": ("another", "is of another study than 'other'"),
-    "evaluate merge file other": ("file", "is a file; give the name of a folder"),
 }
 
 
@@ -173,33 +102,24 @@ def workplace(tmp_path_factory) -> Path:
         "one": TEXT,
         "not": "runs = ",
         "field": TEXT.replace("strategy.name", "swarm.robot"),
-        "empty": "runs = 5\n[grid]\n",
         "zero": TEXT.replace("runs = 20", "runs = 0"),
-        "newer": f"format = {FORMAT + 1}\n" + TEXT,
         "until": TEXT.replace("runs = 20", 'until = "2%"'),
+        "seed": f"seed = 9\n{TEXT}",
     }
     for name, text in files.items():
         (place / f"{name}.toml").write_text(text)
-    (place / "binary.toml").write_bytes(b"\xff\xfe\x00\x00")
     (place / "file").write_text("mine")
-    (place / "dangling").symlink_to("nowhere")
     (place / "thesis").mkdir()
     (place / "thesis" / "thesis.tex").write_text("ten years")
-    for name, seed in (("newer", 1), ("other", 9), ("another", 8)):
-        (place / "s.toml").write_text(f"seed = {seed}\n" + TEXT)
-        assert sweep(place / "s.toml", "--out", place / name) == 0
-    about = json.loads((place / "newer" / "vibroswarm.json").read_text())
-    (place / "newer" / "vibroswarm.json").write_text(json.dumps(about | {"format": folders.FORMAT + 1}))
+    assert sweep(place / "seed.toml", "--out", place / "other") == 0
     return place
 
 
 @pytest.mark.parametrize("line", BAD)
 def test_bad_input_is_named_and_ends_with_2(line, workplace, monkeypatch, capsys):
     monkeypatch.chdir(workplace)
-    monkeypatch.setattr(executors, "CONNECT_S", 1.0)
     before = sorted(workplace.rglob("*"))
-    quiet = {"show": [], "merge": ["--no-pictures"]}
-    arguments = [*line.split(), *quiet.get(line.split()[0], QUIET)]
+    arguments = [*line.split(), *({"show": []}.get(line.split()[0], QUIET))]
     assert main(arguments) == 2
     told = capsys.readouterr()
     assert told.out == ""
@@ -218,8 +138,8 @@ def test_a_floor_file_beside_the_study(tmp_path, monkeypatch):
     monkeypatch.chdir("/")
     assert sweep(tmp_path / "s.toml", "--out", tmp_path / "out") == 0
     (tmp_path / "my floor.txt").unlink()
-    result = StudyResult.open(tmp_path / "out")
-    assert result.where(source="my floor.txt").runs()["fill_ratio"].unique().to_list() == [0.75]
+    found = Study.open(tmp_path / "out")[1].where(floor__source="my floor.txt").frame
+    assert found["fill_ratio"].unique().to_list() == [0.75]
     assert main(["show", str(tmp_path / "out")]) == 0
 
 
@@ -248,7 +168,7 @@ def test_ctrl_c_ends_with_130_and_what_is_done_is_kept(executor, study, tmp_path
     ]
     process = command(*line, start_new_session=True)
     until_s = time.monotonic() + 120.0
-    while process.poll() is None and len(list((out / "shards").glob("*.json"))) < 2:
+    while process.poll() is None and len(list((out / "runs").glob("*.parquet"))) < 2:
         assert time.monotonic() < until_s
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all its processes
@@ -261,7 +181,6 @@ def test_ctrl_c_ends_with_130_and_what_is_done_is_kept(executor, study, tmp_path
     assert err.splitlines()[-1].startswith(said)
     assert "Traceback" not in err
     assert "leaked" not in err
-    result = StudyResult.open(out)
-    assert result.store.damaged == []
-    there = int(result.cells["there"].sum())
-    assert 0 < there < 200_000
+    runs = Study.open(out)[1]
+    assert runs.store.damaged == []
+    assert 0 < sum(runs.there.values()) < 200_000

@@ -169,7 +169,6 @@ def read_as_what_it_is(text: str, folder: Path) -> str:
     from vibroswarm import Scenario, Study
     from vibroswarm.optimize import Search
     from vibroswarm.recordings.column_map import column_map
-    from vibroswarm.study.plan import plan_of
 
     tables = tomllib.loads(text)
     if "columns" in tables:
@@ -179,7 +178,7 @@ def read_as_what_it_is(text: str, folder: Path) -> str:
         Search.from_toml(text, folder=folder)
         return "search"
     if {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):
-        assert plan_of(Study.from_toml(text, folder=folder)).groups
+        assert Study.from_values(tomllib.loads(text), folder=folder).cells
         return "study"
     Scenario.from_toml(text, folder=folder)
     return "scenario"

@@ -15,7 +15,7 @@ from helpers.commands import json_of
 from vibroswarm import Result, Study
 from vibroswarm.cli import main
 from vibroswarm.optimize import Search
-from vibroswarm.study.plan import plan_of
+from vibroswarm.study.runs import groups_of
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -58,7 +58,7 @@ def test_experiments_of_others_run(run_example, folder, tmp_path, capsys):
         text = text.replace("[scenario]\n", "[scenario]\nrun.t_end_s = 20.0\n")
     study.write_text(re.sub(r"(?m)^runs = \d+", "runs = 1", text), encoding="utf-8")
     told = json_of(capsys, "evaluate", str(study), "--trust", "--no-pictures", "--json")
-    assert len(told["tables"]["summary"]) == len(plan_of(Study.read(study)).study.cells)
+    assert len(told["tables"]["summary"]) == len(Study.read(study).cells)
 
 
 def test_the_figure_of_fill_ratios(run_example, capsys):
@@ -77,6 +77,6 @@ def test_the_figure_of_fill_ratios(run_example, capsys):
 def test_the_files_are_what_they_say():
     study = Study.read(EXAMPLES / "fill_ratios.toml")
     assert len(study.cells) == 12
-    assert len(plan_of(study).groups) == 1
+    assert len(groups_of(study.cells)) == 1
     assert Search.read(EXAMPLES / "search.toml").objectives[0].name == "expected_time_to_right"
     assert len(Search.read(EXAMPLES / "own_cost.toml").space.names) == 3

@@ -11,7 +11,7 @@ from helpers.commands import json_of, words_of
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.motion_tables import Failure
 from vibroswarm.motion.source import Source, register
-from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.spec import Study
 
 FAILED = (1, 4)
 AT_TICK = 500
@@ -53,12 +53,10 @@ def test_failed_runs_are_counted_in_table_report_and_results(
     assert "failed runs" in page
     assert words in " ".join(page.split())
     assert pl.read_csv(out / "summary.csv")["failed_runs"].to_list() == [2, 2]
-    result = StudyResult.open(out)
-    assert result.failed_runs().select("cell", "run", "time_s").rows() == [
+    frame = Study.open(out)[1].frame
+    assert frame.drop_nulls("failed").select("cell", "run", "failed_s").rows() == [
         (cell, run, 10.0) for cell in (0, 1) for run in FAILED
     ]
-    assert result.failed_runs(1)["strategy.name"].unique().to_list() == ["soft"]
-    assert result.summary()["failed_runs"].to_list() == [2, 2]
-    assert result.runs(0)["undecided"].to_list()[1] == 2
+    assert frame["robots_undecided"].to_list()[1] == 2
     summary = json_of(capsys, "evaluate", *BRIEF, "--motion", failing, "--json")["tables"]["summary"]
     assert [cell["failed_runs"] for cell in summary] == [2, 2]

@@ -16,7 +16,7 @@ from vibroswarm.motion import source
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
 from vibroswarm.simulation import simulate
-from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.spec import Study
 
 SHORT = ("--set", "run.t_end_s=200", "--set", "decision.min_observations=10")
 HALVES = '''"""Does the left part of the floor vibrate more than the right?"""
@@ -149,7 +149,7 @@ def test_tasks_side_by_side_are_kept_apart(files: Path, capsys: pytest.CaptureFi
         "--no-pictures",
     ]
     assert main([*again, "--executor", "processes", "--workers", "1"]) == 0
-    assert StudyResult.open(out).cells["there"].to_list() == [24, 24]
+    assert [*Study.open(out)[1].there.values()] == [24, 24]
 
 
 @pytest.mark.slow

@@ -79,7 +79,7 @@ SCRIPT = """
 from vibroswarm import Study, preset
 if __name__ == "__main__":
     short = preset("text").with_values({"run.t_end_s": 20.0, "swarm.robots": 2})
-    print(Study.of(short, runs=4, seed=1).run(executor="processes", workers=1).runs().height)
+    print(Study.of(short, runs=4, seed=1).run(executor="processes", workers=1).frame.height)
 """
 
 

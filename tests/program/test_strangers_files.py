@@ -16,7 +16,6 @@ import pytest
 from helpers.exported_robots import Swarm, built, measured_at_each_tick, needs_gcc, rows, run_program
 from vibroswarm import Result, Scenario, load_code, preset, simulate, strategies
 from vibroswarm.cli import main
-from vibroswarm.study.study_result import StudyResult
 
 FILES: Final = {
     "hue": """
@@ -185,7 +184,7 @@ def test_they_are_in_a_study_beside_another_strategy_and_in_a_study_file() -> No
     both = [*ASKED[:4], "--strategy", "tally.py:tally,hasty.py:hasty", *ASKED[6:]]
     assert main(["evaluate", *both, *FLOOR, "--runs", "20", "--out", "two"]) == 0
     strategies.base.forget("hasty")
-    summary = StudyResult.open(Path("two")).summary()
+    summary = pl.read_parquet("two/summary.parquet")
     assert summary["decision_time_s"][1] < summary["decision_time_s"][0]
     assert summary["estimate_error"].max() < 0.06
     text = """
@@ -203,7 +202,7 @@ def test_they_are_in_a_study_beside_another_strategy_and_in_a_study_file() -> No
     """
     Path("study.toml").write_text(text, encoding="utf-8")
     assert main(["evaluate", "study.toml", "--trust", "--no-pictures", "--out", "grid"]) == 0
-    summary = StudyResult.open(Path("grid")).summary()
+    summary = pl.read_parquet("grid/summary.parquet")
     assert summary["swarm_wrong"].to_list() == [0.0] * 4
     assert summary["estimate"].to_list() == pytest.approx([0.22, 0.22, 0.09, 0.09], abs=0.04)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
@@ -13,7 +12,7 @@ from vibroswarm import Result, Study, preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.optimize import verify as module
 from vibroswarm.optimize.verify import verify
-from vibroswarm.study.batch import Batch, BatchResult, do_batch
+from vibroswarm.study.batch import Task, simulate_runs
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
 
@@ -28,7 +27,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("verify") / "study"
-    Study.of(SHORT, 6, 5, strategy__name=["none", "soft"]).run(folder, progress=False)
+    Study.of(SHORT, 6, 5, strategy__name=["none", "soft"]).run(folder)
     return folder
 
 
@@ -63,13 +62,13 @@ def test_other_runs_are_seen(
 ) -> None:
     """Negative control: runs of another seed."""
 
-    def with_another_seed(work: Batch) -> BatchResult:
-        return do_batch(replace(work, seed=work.seed + 1))
+    def with_another_seed(task: Task) -> pl.DataFrame:
+        return simulate_runs(task._replace(seed=task.seed + 1))
 
-    monkeypatch.setattr(module, "do_batch", with_another_seed)
+    monkeypatch.setattr(module, "simulate_runs", with_another_seed)
     assert main(["verify", str(study), "--runs", "3", "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     assert told["answer"] == [
         "NOT VERIFIED: 3 of 12 runs, drawn at random, were simulated again, and 3 came out differently."
     ]
-    assert [row["tables"] for row in told["tables"]["differing"]] == ["robots"] * 3
+    assert len(told["tables"]["differing"]) == 3

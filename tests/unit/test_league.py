@@ -31,7 +31,7 @@ from vibroswarm.league.entries import (
 from vibroswarm.league.fronts import NOT, OPEN, REACHES, front_table
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.scenario.scenario import preset
-from vibroswarm.study import executors
+from vibroswarm.study import run as study_run
 
 pytestmark = pytest.mark.usefixtures("without_layout")
 
@@ -132,10 +132,10 @@ def test_standings_are_as_computed_robot_by_robot(standings: Standings) -> None:
         units = np.zeros((2, 12, 3))
         for _floor in league.floors:
             for size in range(2):
-                cell = study.study.cells[number]
+                cell = study.cells[number]
                 assert cell.scenario.strategy.name == entry.strategy
                 assert cell.scenario.swarm.robots == league.robots[size]
-                robots, runs = study.tables(number)
+                robots, runs = study.tables(cell)
                 truth = dict(zip(runs["run"], runs["truth"], strict=True))
                 for row in robots.iter_rows(named=True):
                     right = truth[row["run"]]
@@ -151,7 +151,7 @@ def test_standings_are_as_computed_robot_by_robot(standings: Standings) -> None:
                 number += 1
         for place, figure in enumerate(("forced_error", "decision_time_s", "sent")):
             np.testing.assert_allclose(standings.by_unit(k, figure), units[..., place].ravel())
-    assert number == len(study.study.cells)
+    assert number == len(study.cells)
 
 
 def test_tables(standings: Standings) -> None:
@@ -265,7 +265,7 @@ def test_settings_come_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_a_strategy_of_the_users_own_plays_and_is_tuned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(executors.multiprocessing, "get_context", lambda method: FORKED)
+    monkeypatch.setattr(study_run.multiprocessing, "get_context", lambda method: FORKED)
     code = tmp_path / "guesses.py"
     code.write_text(GUESSES, encoding="utf-8")
     line = [*SMALL[:-1], f"none,{code}:guess"]

@@ -9,30 +9,23 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.sampling import walk_figures
 from vibroswarm.networks.loss_by_size import share_lost
-from vibroswarm.paper.cells import READ, Cell, CellResult, CellResults, summarise
+from vibroswarm.paper.cells import Cell, CellResult, CellResults, run_cells
 from vibroswarm.paper.claims import all_claims, decide
 from vibroswarm.paper.columns import published, scenario_of
 from vibroswarm.paper.item import CLAIMS, Settings, Tables, Work
 from vibroswarm.paper.items import all_items, experiments
 from vibroswarm.scenario.scenario import preset
-from vibroswarm.simulation import simulate
-from vibroswarm.study.batch_table import arrays_of
 
 RUNS = 4
 SETTINGS = Settings(runs=RUNS)
 
 
 @pytest.fixture(scope="module")
-def template() -> CellResult:
+def template(tmp_path_factory: pytest.TempPathFactory) -> CellResult:
     """What came of one real cell."""
     cell = SETTINGS.cell("paper", {"run.t_end_s": 300.0})
-    result = simulate(cell.scenario, 1, RUNS)
-    runs = result.runs.join(walk_figures(result.motion, result.observations, 25).drop("samples"), on="run")
-    rows = result.robots.join(runs, on="run").with_columns(cell=0).select(READ)
-    (results,) = summarise([cell], *arrays_of(rows, [0], RUNS, cell.scenario.swarm.robots))
-    return results
+    return run_cells([cell], RUNS, 1, tmp_path_factory.mktemp("cells"), 1, lambda share: None)[cell]
 
 
 def _made_up(cells: list[Cell], template: CellResult) -> CellResults:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,7 @@ import pytest
 from vibroswarm import Result, Scenario, simulate, strategies, verdict
 from vibroswarm.documents.run import result_document
 from vibroswarm.strategies import Strategy
-from vibroswarm.study.registered_code import registered_code
+from vibroswarm.study.store import key_of
 
 
 class One:
@@ -112,23 +114,23 @@ def test_robots_without_any_count_have_no_estimate() -> None:
     assert verdict(run_of("counted", t_end_s=0.1)).robots[0].estimate is None
 
 
-def test_runs_of_registered_code_are_not_continued_after_a_change_of_its_source(tmp_path: Path) -> None:
-    """The source of a function that a hook names counts, and a number that it reads; another file's text does not."""
-    hashes = []
-    for k, (step, body) in enumerate((("1", "STEP"), ("1", "STEP"), ("2", "STEP"), ("1", "2 * STEP"))):
-        text = f"STEP = {step}\ndef added():\n    return {body}\n"
-        text += "def on_sample(s, a, x, out, d, p, w):\n    s.alpha += added()\n    return False\n"
+def test_runs_of_registered_code_are_keyed_by_the_source_text_of_its_module(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keys = []
+    for k, step in enumerate("112"):
+        text = f"def on_sample(s, a, x, out, d, p, w):\n    s.alpha += {step}\n    return False\n"
         file = tmp_path / f"program_{k}.py"
         file.write_text(text, encoding="utf-8")
-        space: dict[str, Any] = {"__name__": "program"}
-        exec(compile(text, str(file), "exec"), space)  # noqa: S102
-        declared = Strategy(
-            name="of_program", state=One, begin=begin, on_sample=space["on_sample"], belief=belief, **HOOKS
-        )
-        strategies.register(declared)
-        hashes.append(
-            registered_code([Scenario().with_values({"strategy.name": "of_program"})])["strategy of_program"]
-        )
+        spec = importlib.util.spec_from_file_location(f"program_{k}", file)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, f"program_{k}", module)
+        spec.loader.exec_module(module)
+        hooks = HOOKS | {"on_sample": module.on_sample, "begin": begin, "belief": belief}
+        strategies.register(Strategy(name="of_program", state=One, **hooks))
+        keys.append(key_of(Scenario().with_values({"strategy.name": "of_program"})))
         strategies.base.forget("of_program")
-    assert hashes[0] == hashes[1]
-    assert len(set(hashes)) == 3
+    assert None not in keys
+    assert keys[0] == keys[1] != keys[2]

@@ -6,19 +6,19 @@ import polars as pl
 import pytest
 
 from vibroswarm.scenario.scenario import preset
-from vibroswarm.study.cell_comparison import (
+from vibroswarm.study.comparison import (
     comparison_table,
     comparisons,
     pairs_of,
 )
+from vibroswarm.study.runs import Runs
 from vibroswarm.study.spec import Study
-from vibroswarm.study.study_result import StudyResult
 
 SHORT = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 60})
 
 
 def names(study: Study) -> list[str]:
-    return [f"{cell.name} | {reference.name} | {field}" for cell, reference, field in pairs_of(study)]
+    return [f"{cell.name} | {reference.name} | {field}" for cell, reference, field in pairs_of(study.cells)]
 
 
 def test_numbers_are_compared_only_where_nothing_else_varies() -> None:
@@ -34,27 +34,27 @@ def test_floors_are_never_compared_and_one_cell_has_nothing_to_be_compared_with(
 
 
 @pytest.fixture(scope="module")
-def result() -> StudyResult:
+def result() -> Runs:
     return Study.of(SHORT, 60, strategy__name=["none", "soft"], decision__gate=["total", "own"]).run()
 
 
-def test_differences_are_those_of_the_paired_runs(result: StudyResult) -> None:
+def test_differences_are_those_of_the_paired_runs(result: Runs) -> None:
     found = comparisons(result)
     assert len(found) == 4 * 6  # four pairs, six figures
     one = next(
-        c for c in found if c.name == "soft - none (gate total)" and c.paired.figure == "decision_time_s"
+        c for c in found if c.pair.name == "soft - none (gate total)" and c.paired.figure == "decision_time_s"
     )
     capped = pl.col("decision_time_s").fill_null(200.0).mean()
     by_run = [
-        result.robots(number).group_by("run", maintain_order=True).agg(capped)["decision_time_s"]
-        for number in (one.cell.number, one.reference.number)
+        result.tables(cell)[0].group_by("run", maintain_order=True).agg(capped)["decision_time_s"]
+        for cell in one.pair[:2]
     ]
     assert one.paired.difference.estimate == pytest.approx((by_run[0] - by_run[1]).mean())
     assert one.paired.pairs == 60
     assert one.paired.wins + one.paired.ties + one.paired.losses == 60
 
 
-def test_p_values_are_corrected_over_all_comparisons(result: StudyResult) -> None:
+def test_p_values_are_corrected_over_all_comparisons(result: Runs) -> None:
     found = comparisons(result)
     known = [c.paired for c in found if c.paired.p_value == c.paired.p_value]
     smallest = min(known, key=lambda paired: paired.p_value)
@@ -63,7 +63,7 @@ def test_p_values_are_corrected_over_all_comparisons(result: StudyResult) -> Non
 
 
 def test_the_table_has_a_row_a_comparison_and_plain_columns(
-    result: StudyResult,
+    result: Runs,
 ) -> None:
     table = comparison_table(comparisons(result))
     assert table.height == 24
@@ -77,12 +77,12 @@ def test_the_table_has_a_row_a_comparison_and_plain_columns(
     assert not any(dtype.is_nested() for dtype in table.dtypes)
 
 
-def test_the_forced_error_of_a_run_is_that_of_its_robots(result: StudyResult) -> None:
+def test_the_forced_error_of_a_run_is_that_of_its_robots(result: Runs) -> None:
     """By a loop over robots, from the definition: wrong, or undecided and leaning to the wrong side."""
     one = next(c for c in comparisons(result) if c.paired.figure == "forced_error")
     means = []
-    for number in (one.cell.number, one.reference.number):
-        robots, runs = result.tables(number)
+    for cell in one.pair[:2]:
+        robots, runs = result.tables(cell)
         truth = dict(runs.select("run", "truth").iter_rows())
         errors: dict[int, list[float]] = {}
         for row in robots.iter_rows(named=True):

@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 import math
-from functools import partial
-from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.figures import interval
 from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.study.precision import RENAMED, Precision
-from vibroswarm.study.settled import figure_of, settled
-from vibroswarm.study.spec import Study
-from vibroswarm.study.study_result import StudyResult
-
-BASE = {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}, "decision": {"min_observations": 5}}
+from vibroswarm.study.precision import Precision
 
 
 @pytest.mark.parametrize("level", [0.9, 0.95, 0.99])
@@ -79,61 +71,3 @@ def test_the_interval_at_which_a_study_stops_holds_the_truth_often_enough():
     standard_error = math.sqrt(0.95 * 0.05 / studies)
     assert naive < 0.95 - 3 * standard_error
     assert honest > 0.95
-
-
-@pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> StudyResult:
-    return Study(BASE, {"grid": {"floor.source": ["random:0.44"]}}, 200).run(
-        tmp_path_factory.mktemp("p") / "s"
-    )
-
-
-@pytest.mark.parametrize(
-    "figure", [*RENAMED.values(), "decision_time_s", "belief_in_truth", "consensus_time_s"]
-)
-def test_figures_are_those_of_the_tables(figure: str, result: StudyResult) -> None:
-    robots, runs = result.robots(), result.runs()
-    joined = robots.join(runs.select("run", "truth"), on="run")
-    hit = {
-        "robots_right": pl.col("decision") == pl.col("truth"),
-        "robots_wrong": (pl.col("decision") != -1) & (pl.col("decision") != pl.col("truth")),
-        "robots_undecided": pl.col("decision") == -1,
-    }
-    if figure in ("decision_time_s", "belief_in_truth"):
-        wanted = robots[figure].fill_null(60.0).mean()
-    elif figure == "consensus_time_s":
-        wanted = runs[figure].fill_null(60.0).mean()
-    elif figure in hit:
-        wanted = joined.select(hit[figure].mean()).item()
-    else:
-        wanted = (runs["consensus"] == figure.removeprefix("swarm_")).mean()
-    found = figure_of(result.store.scan(0, 200), figure, 60.0, 0.95)  # type: ignore[arg-type]
-    assert found.estimate == pytest.approx(wanted, rel=1e-12)
-    assert found.n == 200
-    assert found.low < found.estimate < found.high
-
-
-def test_a_group_is_settled_when_its_worst_cell_is(tmp_path: Path) -> None:
-    study = partial(Study, BASE, {"grid": {"strategy.name": ["none", "positive"]}})
-    result = study(200).run(tmp_path / "s")
-    group, half_widths = result.plan.groups[0], []
-    for cell in (0, 1):
-        rows = result.store.scan(0, 100)
-        assert rows is not None
-        found = figure_of(
-            rows.filter(pl.col("cell") == cell), "robots_right", 60.0, Precision(0.5).level_at(0)
-        )
-        half_widths.append((found.high - found.low) / 2)
-    worst = max(half_widths)
-    assert settled(result.store, group, Precision(worst, "robots_right")) == (
-        0,
-        100,
-        Precision(0.5).level_at(0),
-        True,
-    )
-    later = settled(result.store, group, Precision((worst + min(half_widths)) / 2, "robots_right"))
-    assert later is None or later.look > 0
-    assert settled(result.store, group, Precision(0.001, "robots_right")) is None, "400 runs are not there"
-    most = settled(result.store, group, Precision(0.001, "robots_right", max_runs=200))
-    assert most is not None, "as many as are there"
-    assert (most.runs, most.reached) == (200, False)

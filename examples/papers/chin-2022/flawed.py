@@ -8,19 +8,20 @@ from pathlib import Path
 
 import polars as pl
 
-from vibroswarm import StudyResult, load_code
+from vibroswarm import load_code
 from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.study.spec import Study
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("folder", help="folder of the study")
 load_code("chin-2024/asdf.py:asdf", Path(__file__).parents[1])
-result = StudyResult.open(parser.parse_args().folder)
-for number, cell in enumerate(result.study.cells):
+_, result = Study.open(Path(parser.parse_args().folder))
+for cell in result.cells:
     scenario = cell.scenario
     if scenario.strategy.name != "asdf":
         continue
     true, flawed = float(scenario.floor.source.split(":")[1]), scenario.strategy.params.flawed_robots
-    robots = result.tables(number)[0].with_columns(
+    robots = result.tables(cell)[0].with_columns(
         error=(pl.col("estimate") - true).abs(), is_flawed=pl.col("robot") < flawed
     )
     for (is_flawed,), own in sorted(robots.group_by("is_flawed")):

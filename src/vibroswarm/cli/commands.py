@@ -54,7 +54,6 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
         Command(
             "evaluate", "run a scenario or a study many times, or several side by side", "evaluate:evaluate"
         ),
-        Command("evaluate merge", "join the shards of a study", "evaluate:merge"),
     ),
     "compare and search": (
         Command(
@@ -66,8 +65,7 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
         Command(
             "detect", "how many robots and how much time for few misses and false alarms", "detect:detect"
         ),
-        Command("optimize", "search for good parameters; compare parameters", "optimize:optimize"),
-        Command("optimize compare", "score two scenarios on the same fresh runs", "optimize:compare"),
+        Command("optimize", "search for good parameters", "optimize:optimize"),
         Command("optimize sensitivity", "find which fields matter (Sobol indices)", "optimize:sensitivity"),
     ),
     "the paper": (
@@ -133,13 +131,10 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
 }
 RENAMED: Final = {
     "sweep": "evaluate STUDY.toml",
-    "merge": "evaluate merge",
     "tune": "league tune",
 }
 """Older words of commands, and the words in their place."""
 RENAMED_OPTIONS: Final = {
-    ("optimize", "--check"): "vibroswarm optimize compare FIRST SECOND",
-    ("optimize", "--against"): "vibroswarm optimize compare FIRST SECOND",
     ("optimize", "--sensitivity"): "vibroswarm optimize sensitivity",
 }
 """Older options of a command, and what is in their place."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import deliver
@@ -12,13 +11,8 @@ from vibroswarm.cli.option_values import share
 from vibroswarm.cli.options import Drawn, OneStrategy, Parts, ScenarioBase, Seed, SeveralSizes
 from vibroswarm.cli.scenario_options import warned, words_of
 from vibroswarm.cli.studies import run_parts
-from vibroswarm.cli.terminal import report, say
-from vibroswarm.core.numbers import stated
+from vibroswarm.cli.terminal import say
 from vibroswarm.errors import named
-
-if TYPE_CHECKING:
-    from vibroswarm.study.spec import Study
-    from vibroswarm.study.study_result import StudyResult
 
 
 @dataclass(kw_only=True)
@@ -41,7 +35,7 @@ def detect(
     fills: Annotated[
         tuple[float, ...] | None,
         Option(
-            "fill ratios of random floors (default: around the boundary); if none is below it, some are added",
+            "fill ratios of random floors (default: around the boundary)",
             "F,...",
             low=0,
             high=1,
@@ -67,7 +61,7 @@ def detect(
     """Estimate how often floors above a boundary are missed and floors below it raise a false alarm.
 
     Says how many robots, and how much time, make both rare enough. Without --robots, the scenario's number and two
-    larger ones are tried; if no floor is found by the end of the runs, later ends are tried.
+    larger ones are tried.
 
     examples:
       vibroswarm detect                                             more than half? fill ratios 0.24 to 0.76
@@ -75,8 +69,8 @@ def detect(
       vibroswarm detect --robots 5,10,20 --error 10% --out out/detect
       vibroswarm detect --false-alarms 1% --boundary-of readings    robots that ignore their sensor's errors
     """
-    from vibroswarm.study.detection import detect_by
-    from vibroswarm.study.words import detection_scenario
+    from vibroswarm.study.detection import detection_of, detection_study
+    from vibroswarm.study.options import detection_scenario
 
     base = warned(detection_scenario(more_than, boundary_of, **words_of(scenario)))
     if scenario.floor is not None:
@@ -84,23 +78,9 @@ def detect(
             "Warning: --floor: of it only the number of tiles is used; floors are random, with the shares of --fills."
         )
 
-    def run_study(study: Study, place: Path | None) -> StudyResult | None:
-        end_s = study.cells[0].scenario.run.t_end_s
-        if end_s > base.run.t_end_s:
-            report(f"No floor is found yet; next with runs of {stated(end_s)} s.")
-        return run_parts(study, execution, replace(output, out=place))
-
-    with named("--fills", of="fills"):
-        found = detect_by(
-            run_study,
-            base,
-            error,
-            false_alarms,
-            robots=scenario.robots,
-            fills=fills,
-            runs=runs,
-            seed=scenario.seed,
-            folder=output.out,
-        )
-    if found is not None:  # None: only a shard or a batch of the runs was requested
-        deliver(found, output, "detect", found.tables)
+    with named("--fills", of="floor.source"):
+        study = detection_study(base, scenario.robots, fills, runs, scenario.seed)
+    found = run_parts(study, execution, output)
+    if found is not None:  # only a shard of the runs was requested
+        detection = detection_of(found, error, false_alarms)
+        deliver(detection, output, "detect", detection.tables)

@@ -13,7 +13,7 @@ from vibroswarm.cli.deliver import Destination, print_document, print_saved_file
 from vibroswarm.cli.inspection import size
 from vibroswarm.cli.option_values import pair_of, refuse, toml_path
 from vibroswarm.cli.options import Drawn, Force, Json, Opened, Paged, ScenarioOptions, TomlFile
-from vibroswarm.cli.scenario_options import refuse_settings, scenario_from, scenario_named, words_of
+from vibroswarm.cli.scenario_options import scenario_from, scenario_named, words_of
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, whole_folder, write_file
 from vibroswarm.errors import check_choice, named
@@ -61,13 +61,13 @@ def import_logs(
     from vibroswarm.documents.recording import import_document, write_pages
     from vibroswarm.documents.saved import save
     from vibroswarm.recordings.assemble_recording import recording_of
-    from vibroswarm.study.scenario_words import check_one_floor, stated_fields
+    from vibroswarm.study.options import check_one_floor, stated_fields
 
     refuse(
         reader is not None and columns is not None, "--reader", "conflicts with --columns; use one of them"
     )
     output = Paged(out=out, force=force, json=json, open=page.open)
-    made = scenario_from(scenario, is_final=False)  # the logs say which strategy it was
+    made = scenario_from(scenario)
     check_one_floor(made, **words_of(scenario))
     stated = stated_fields(**words_of(scenario))
     read, computed, files = _logs_of(logs, reader, columns, acceleration, made)
@@ -77,7 +77,6 @@ def import_logs(
     floor = made.floor_for(0, 0)  # seed and run do not matter: the floor is not random
     with named("--floor", of="floor"):
         recording = recording_of(read, floor, made, stated, robots=robots, any_floor=any_floor)
-    refuse_settings(scenario.settings, [recording.scenario])
     with whole_folder(out, replace=True) as part:
         recording.write_into(part)
         pages = write_pages(recording, part)
@@ -175,9 +174,10 @@ def replay(
     from vibroswarm.inspection.laws import law_named, with_law
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.replay import replay_strategies, replayed_settings
-    from vibroswarm.study.scenario_words import chosen, refuse_without_effect
+    from vibroswarm.study.options import chosen
 
-    names = [chosen("strategy", name) for name in strategy]  # refuses an unknown name
+    for name in strategy:
+        chosen("strategy", name)  # refuses an unknown name
     recording = Recording.read(folder)
     scenario, warnings = recording.scenario, tuple[str, ...]()
     if laws is not None:
@@ -185,8 +185,6 @@ def replay(
         scenario = recording.scenario
     changed = replayed_settings(settings, gate)
     scenario = scenario.with_values(changed)
-    replayed = [scenario.with_values({"strategy.name": name}) for name in names]
-    refuse_without_effect(changed, replayed, "--set ")
     replays = replay_strategies(recording, scenario, strategy, draws, seed)
     print_document(replace(replays, warnings=warnings), as_json=json)
 

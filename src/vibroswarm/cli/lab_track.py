@@ -11,7 +11,7 @@ from vibroswarm.cli.deliver import Destination, print_with_place
 from vibroswarm.cli.option_values import pair_of, refuse
 from vibroswarm.cli.options import Printed, Saved, ScenarioOptions
 from vibroswarm.cli.progress import progress_bar
-from vibroswarm.cli.scenario_options import refuse_settings, scenario_from, words_of
+from vibroswarm.cli.scenario_options import scenario_from, words_of
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.errors import named
 
@@ -118,12 +118,12 @@ def track(
     from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes
-    from vibroswarm.study.scenario_words import stated_fields
+    from vibroswarm.study.options import stated_fields
     from vibroswarm.tracking import opencv
     from vibroswarm.tracking.track import with_positions, write_tables
 
     opencv()  # raises an error before any work if the package is not installed
-    made = scenario_from(scenario, is_final=False)
+    made = scenario_from(scenario)
     placed = markers.read((made.arena.width_m, made.arena.height_m))
     samples = _samples(log, scenario, made)
     stated = stated_fields(
@@ -147,7 +147,6 @@ def track(
             floor = made.floor_for(0, 0)
             with named("--floor", of="floor"):
                 recording = recording_of([tracked.log], floor, made, stated, any_floor=any_floor)
-            refuse_settings(scenario.settings, [recording.scenario])
             recording.write_into(part)
             (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
         write_tables(part, tracking)
@@ -164,7 +163,7 @@ def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> 
     Raises:
         InputError: the log cannot be read, or the floor is not stated or random.
     """
-    from vibroswarm.study.scenario_words import check_one_floor
+    from vibroswarm.study.options import check_one_floor
     from vibroswarm.tracking.track import read_robot_log
 
     if log is None:

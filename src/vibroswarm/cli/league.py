@@ -17,7 +17,6 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import deliver, print_document, print_saved_file
 from vibroswarm.cli.interruption import folder_of_runs, saves_in
 from vibroswarm.cli.options import (
-    Execution,
     Force,
     Paged,
     Saved,
@@ -28,11 +27,10 @@ from vibroswarm.cli.options import (
 )
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import STAGES, progress_bar
-from vibroswarm.cli.scenario_options import refuse_settings, warned, words_of
+from vibroswarm.cli.scenario_options import warned, words_of
 from vibroswarm.cli.studies import claim_study, print_plan
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import whole_file, write_files
-from vibroswarm.errors import InputError
 
 
 @dataclass(kw_only=True)
@@ -98,7 +96,7 @@ def league(
     ] = None,
     scenario: Players,
     entries: Entries,
-    execution: Execution,
+    execution: Where,
     output: Paged,
 ) -> None:
     """Compare strategies on the same floors, motion, readings and radio, with what each costs to send.
@@ -126,11 +124,11 @@ def league(
     study = (
         asked.league.study
     )  # refuses a floor on which no decision is right, before `--force` removes the folder
-    claim_study(output, study, mixed=execution.mixed)
+    claim_study(output, study)
     tested = studies_of_tests(asked.basic, belief_runs)
-    print_plan(study, output.out, None, tests=tested)
+    print_plan(study, *tested.values())
     standings, tables = played(
-        asked, output.out, reference=reference, belief_runs=belief_runs, stages=STAGES, **execution.how
+        asked, output.out, reference=reference, belief_runs=belief_runs, stages=STAGES, **execution.where
     )
     if output.out is not None or output.json:
         tables["summary"] = standings.summary
@@ -182,7 +180,6 @@ def tune(
         say(note)
     warned(base)
     tuned_scenarios = [base.with_values({"strategy.name": name}) for name in names]
-    refuse_settings(scenario.settings, tuned_scenarios)
     # the search spaces of the package, and those of the user's file in their place
     space_of = shipped_spaces(own_motion) | (read_spaces(spaces) if spaces else {})
     with ExitStack() as stack:
@@ -227,17 +224,12 @@ def _runs_beside(out: Path, force: bool, *asked: object) -> Iterator[Path]:
     Raises:
         InputError: the folder holds something else, and would be removed at the end.
     """
-    from vibroswarm.core.folders import has_manifest, read_manifest
     from vibroswarm.documents.saved import begin, hash_of, refuse_other
-    from vibroswarm.study.executors import different_versions
 
     work = hash_of(*asked)
 
     def check(folder: Path) -> None:
         refuse_other(folder, "league tune", work)
-        for round_ in filter(has_manifest, folder.glob("*")):
-            if different := different_versions(read_manifest(round_, "study")["versions"]):
-                raise InputError(f"was begun by other versions ({different})", field=str(folder))
 
     folder = folder_of_runs(out)
     claim(Saved(out=folder, force=force), check)

@@ -14,7 +14,7 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.option_values import refuse, share, toml_path
 from vibroswarm.core.child_python import MOST_WORKERS
 from vibroswarm.core.registry import written_names
-from vibroswarm.errors import InputError, named
+from vibroswarm.errors import InputError
 
 Style = Literal["column", "page", "slide"]
 """Styles of pictures; the first is the default."""
@@ -244,11 +244,6 @@ class Drawn(Pictures, Paged):
             )
 
 
-@dataclass(kw_only=True)
-class Unsaved(Pictures, Opened, Printed):
-    """As ``Drawn``, for a command whose folder is an argument."""
-
-
 Workers = Annotated[
     int | None, Option("threads or processes (default: all processors)", low=1, high=MOST_WORKERS)
 ]
@@ -259,16 +254,7 @@ class Where:
     """Where runs are executed."""
 
     workers: Workers = None
-    executor: Annotated[
-        str, Option("threads (default), processes, dask://HOST:PORT, or a Dask scheduler file", "WHERE")
-    ] = "threads"
-
-    def __post_init__(self) -> None:
-        """Refuse an unknown executor before any work."""
-        from vibroswarm.study.executors import check_executor
-
-        with named("--executor", of="executor"):
-            check_executor(self.executor)
+    executor: Annotated[str, Option("threads (default), processes, or dask://HOST:PORT", "WHERE")] = "threads"
 
     @property
     def where(self) -> dict[str, Any]:
@@ -277,26 +263,11 @@ class Where:
 
 
 @dataclass(kw_only=True)
-class Execution(Where):
-    """Where runs are executed, and whether those of other versions are resumed."""
-
-    mixed: Annotated[bool, Option("resume results of other versions; the report says so")] = False
-
-    @property
-    def how(self) -> dict[str, Any]:
-        """The options as keyword arguments of functions that run a study."""
-        return {**self.where, "mixed": self.mixed}
-
-
-@dataclass(kw_only=True)
-class Parts(Execution):
-    """Where and how runs are executed, and which of them."""
+class Parts(Where):
+    """Where runs are executed, and which of them."""
 
     shard: Annotated[
-        str | None, Option("run only shard K of N; 'vibroswarm evaluate merge' joins them", "K/N")
-    ] = None
-    batch: Annotated[
-        str | None, Option("run only this batch, in this process (named as failures are listed)", "G:A-B")
+        str | None, Option("run only part K of N; copy the folders into one to join them", "K/N")
     ] = None
 
 

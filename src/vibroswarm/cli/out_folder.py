@@ -33,9 +33,7 @@ ADVICE = re.compile(
 """Advice at the end of some error messages of the library; ``claim`` replaces it by advice on options."""
 
 
-def claim(
-    arguments: Any, check: Callable[[Path], object], *, at_once: bool = True, mixed: bool = False
-) -> None:
+def claim(arguments: Any, check: Callable[[Path], object], *, at_once: bool = True) -> None:
     """Refuse the folder of ``--out`` before the work begins, unless ``check`` accepts it or ``--force`` replaces it.
 
     A missing or empty folder is accepted; otherwise ``check`` decides. With ``--force``, a folder that ``check``
@@ -46,16 +44,14 @@ def claim(
             called if the folder exists and is not empty.
         at_once: whether ``--force`` removes the folder now. False if the caller writes a new folder and puts it in the
             place of the old one when it is complete.
-        mixed: whether ``--mixed`` is given.
     Raises:
         InputError: ``check`` refuses the folder, and ``--force`` is not given or vibroswarm did not write the folder;
-            or it is no folder, or may not be written to; or ``--force`` or ``--mixed`` is given without ``--out``.
+            or it is no folder, or may not be written to; or ``--force`` is given without ``--out``.
     """
     out: Path | None = arguments.out
     saves_in(out, resumes=at_once)
     if out is None:
-        for option, is_given in (("--force", arguments.force), ("--mixed", mixed)):
-            refuse(is_given, option, "has no effect without --out DIR")
+        refuse(arguments.force, "--force", "has no effect without --out DIR")
         return
     if os.path.lexists(out) and not out.is_dir():
         leads_nowhere = out.is_symlink() and not out.exists()

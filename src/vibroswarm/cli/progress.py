@@ -14,7 +14,7 @@ from vibroswarm.core.stages import Stages
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.methods import SearchProgress
-    from vibroswarm.study.runner import StudyProgress
+    from vibroswarm.study.run import StudyProgress
 
 LINE_EVERY_S = 10.0
 """Shortest time between lines of progress."""
@@ -106,19 +106,16 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
             least_s = FIRST_LINE_S if before else 1e-9  # the clock may not have advanced yet
             passed_s = 0.0 if began_s is None else now_s - began_s
             rate = (latest - before) / passed_s if passed_s >= least_s else 0.0
-            failed = f"{count(now.failed, 'batch', 'batches')} failed" if now.failed else ""
             left = f"{duration((now.wanted - now.done) / rate)} left" if rate else ""
             speed = f"{number(rate, digits=2)} per second" if rate else ""
             done = f"; {whole(now.done)} of {count(now.wanted, 'run')} done"
             show(
-                ", ".join(
-                    filter(None, (f"{what}: {count_of(now.done, now.wanted, 'run')}", speed, left, failed))
-                ),
+                ", ".join(filter(None, (f"{what}: {count_of(now.done, now.wanted, 'run')}", speed, left))),
                 # set each time, because it may be "compiling"
                 description=what,
                 total=now.wanted,
                 completed=now.done,
-                note=", ".join(filter(None, (speed, failed))),
+                note=speed,
             )
 
         def compiling() -> None:

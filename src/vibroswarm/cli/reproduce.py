@@ -86,7 +86,7 @@ def settings_of(
     """
     from vibroswarm.paper.columns import COLUMNS
     from vibroswarm.paper.item import Settings
-    from vibroswarm.study.spec import MOST_RUNS
+    from vibroswarm.study.run import MOST_RUNS
 
     wanted = columns or COLUMNS
     for column in wanted:

@@ -37,7 +37,7 @@ def run(
     from vibroswarm.documents.saved import refuse_other_run
     from vibroswarm.result import code_files
     from vibroswarm.run_page.write import why_no_page
-    from vibroswarm.study.scenario_words import chosen
+    from vibroswarm.study.options import chosen
 
     made, out = scenario_from(scenario), output.out
     refuse(pictures and out is None, "--pictures", "needs --out DIR, where the pictures are saved")

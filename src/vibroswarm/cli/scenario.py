@@ -19,7 +19,7 @@ def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOpt
     from vibroswarm.scenario.presets import preset_text
     from vibroswarm.scenario.scenario import preset
 
-    made = scenario_from(scenario, is_final=False)
+    made = scenario_from(scenario)
     text = made.to_toml()
     if scenario.preset is not None:
         changed = "" if made == preset(scenario.preset) else "# Made from this preset, with other values:\n"

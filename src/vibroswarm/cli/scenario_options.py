@@ -14,7 +14,7 @@ from vibroswarm.cli.terminal import say
 if TYPE_CHECKING:
     from vibroswarm.cli.options import ScenarioBase
     from vibroswarm.scenario.scenario import Scenario
-    from vibroswarm.study.scenario_words import ScenarioWords
+    from vibroswarm.study.options import ScenarioOptions
 
 MOST: Final = 3
 """How many warnings are printed at once; a study may have one in each of many cells."""
@@ -22,41 +22,26 @@ _printed: Final[set[str]] = set()
 """Warnings that ``warn_of`` has printed or counted during this command."""
 
 
-def words_of(options: ScenarioBase) -> ScenarioWords:
-    """Return the options that describe a scenario, as the words of ``study.scenario_words``."""
-    from vibroswarm.study.scenario_words import ScenarioWords
+def words_of(options: ScenarioBase) -> ScenarioOptions:
+    """Return the options that describe a scenario, as the words of ``study.options``."""
+    from vibroswarm.study.options import ScenarioOptions
 
-    known = ScenarioWords.__annotations__
-    return cast(ScenarioWords, {name: value for name, value in vars(options).items() if name in known})
-
-
-def scenario_from(options: ScenarioBase, *, is_final: bool = True) -> Scenario:
-    """Make the scenario that the options describe (``scenario_words.scenario_of``), and print warnings about it.
-
-    Args:
-        is_final: whether what it selects stays, so that ``--set`` of a field of anything else is refused.
-    """
-    from vibroswarm.study.scenario_words import scenario_of
-
-    made = warned(scenario_of(**words_of(options)))
-    if is_final:
-        refuse_settings(options.settings, [made])
-    return made
+    known = ScenarioOptions.__annotations__
+    return cast(ScenarioOptions, {name: value for name, value in vars(options).items() if name in known})
 
 
-def refuse_settings(settings: Sequence[str], scenarios: Iterable[Scenario]) -> None:
-    """Refuse ``--set`` of a field that has no effect in any of the scenarios (``refuse_without_effect``)."""
-    from vibroswarm.scenario.scenario import parse_settings
-    from vibroswarm.study.scenario_words import refuse_without_effect
+def scenario_from(options: ScenarioBase) -> Scenario:
+    """Make the scenario that the options describe (``study.options.scenario_of``), and print warnings about it."""
+    from vibroswarm.study.options import scenario_of
 
-    refuse_without_effect(parse_settings(settings), scenarios, "--set ")
+    return warned(scenario_of(**words_of(options)))
 
 
 def scenario_named(name: str, settings: Sequence[str] = (), field: str | None = None) -> Scenario:
-    """Return what ``scenario_words.scenario_named`` does, and print warnings about it."""
-    from vibroswarm.study import scenario_words
+    """Return what ``study_options.scenario_named`` does, and print warnings about it."""
+    from vibroswarm.study import options as study_options
 
-    return warned(scenario_words.scenario_named(name, settings, field))
+    return warned(study_options.scenario_named(name, settings, field))
 
 
 def warned(scenario: Scenario) -> Scenario:
@@ -75,7 +60,7 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
 
     A warning is new if this command has not printed or counted it yet.
     """
-    from vibroswarm.study.scenario_words import warnings_of
+    from vibroswarm.study.options import warnings_of
 
     # each different warning once, in order
     texts = dict.fromkeys(text for scenario in scenarios for text in warnings_of(scenario))

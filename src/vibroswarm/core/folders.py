@@ -6,12 +6,12 @@ else the kind records. All kinds have one format number.
 | kind | what the folder holds | written by |
 |---|---|---|
 | result, recording | tables of runs | ``result``, ``recordings.recording`` |
-| study | batches of runs (study, sweep, league, detection, grid) | ``study.store`` |
+| study | runs (study, league, detection) | ``study.run`` |
 | search | steps and fresh runs of a search | ``optimize.steps`` |
 | item | tables of an item of the reproduction | ``paper.item`` |
 | results | what a command printed, its page and its tables | ``documents.saved`` |
 
-Tables that a longer work adds one by one (batches, steps, fresh runs) have a description each, a manifest beside them:
+Tables that a longer work adds one by one (steps, fresh runs) have a description each, a manifest beside them:
 
     NAME.parquet        the main table
     NAME.TABLE.parquet  another table
@@ -47,10 +47,8 @@ KINDS: Final = {
     "search": "a search",
     "item": "an item of the reproduction",
     "results": "results of a command",
-    "batch": "a batch of runs",
     "step": "a step of a search",
     "fresh": "fresh runs of a search",
-    "failure": "a failed batch",
     "document": "what a command printed",
 }
 """Kinds of manifests, in words."""

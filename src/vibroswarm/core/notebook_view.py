@@ -1,4 +1,4 @@
-"""What the layers above offer to classes below them: their view as HTML in a notebook, and the methods of studies.
+"""What the layers above offer to classes below them: their view as HTML in a notebook.
 
 The package's root adds the functions (``above``), so that nothing here imports upwards.
 """
@@ -10,16 +10,6 @@ from typing import Any
 
 above: dict[str, Callable[..., Any]] = {}
 """The functions, by name."""
-
-
-def document_of(value: object) -> Any:
-    """Return the document of a result (``vibroswarm.show.document.Document``)."""
-    return above["document"](value)
-
-
-def study_verbs() -> Any:
-    """Return ``vibroswarm.study.evaluation``, the functions behind methods of ``Study`` and ``StudyResult``."""
-    return above["study verbs"]()
 
 
 class NotebookView:

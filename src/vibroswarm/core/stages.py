@@ -11,7 +11,7 @@ class Stages(NamedTuple):
     """Functions that begin a stage of some name, such as "simulating"."""
 
     runs: Callable[[str], AbstractContextManager[Callable[[Any], None]]]
-    """A stage that counts runs; its progress is a ``study.runner.StudyProgress``."""
+    """A stage that counts runs; its progress is a ``study.run.StudyProgress``."""
     share: Callable[[str], AbstractContextManager[Callable[[float], None]]]
     """A stage whose progress is a share, 0 to 1."""
 

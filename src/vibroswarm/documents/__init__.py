@@ -14,8 +14,7 @@ from vibroswarm.show.document import Document
 DOCUMENTS: Final = {
     "vibroswarm.result.Result": "run:result_document",
     "vibroswarm.scenario.scenario.Scenario": "objects:scenario_document",
-    "vibroswarm.study.evaluation.ReportFile": "objects:report_document",
-    "vibroswarm.study.study_result.StudyResult": "objects:study_result_document",
+    "vibroswarm.study.runs.Runs": "objects:runs_document",
     "vibroswarm.inspection.inspection.Inspection": "inspection:inspection_document",
     "vibroswarm.league.tuning.Tuned": "league:tune_document",
     "vibroswarm.calibrate.message_loss.LossFits": "calibration:message_loss_document",
@@ -25,10 +24,8 @@ DOCUMENTS: Final = {
     "vibroswarm.recordings.spectrum.Spectra": "spectrum:spectrum_document",
     "vibroswarm.recordings.threshold.Recommendation": "recording:threshold_document",
     "vibroswarm.study.detection.Detection": "detection:detection_document",
-    "vibroswarm.study.evaluation.Comparison": "study:comparison_document",
     "vibroswarm.study.summary.Outcome": "study:study_document",
     "vibroswarm.optimize.verify.Verified": "verified:verified_document",
-    "vibroswarm.optimize.scenario_comparison.Checked": "search:checked_document",
     "vibroswarm.optimize.sensitivity.Sensitivity": "search:sensitivity_document",
 }
 """Module and function, by module and name of the class. Packages of results take long to import, so that each module is

@@ -42,9 +42,8 @@ FEW_WRONG: Final = 1 / 3
 
 def detection_document(detection: Detection) -> Document:
     """Return which floors robots find, and how soon."""
-    tables, scenario, seed, added = detection.tables, detection.scenario, detection.seed, detection.added
+    tables, scenario, seed = detection.tables, detection.scenario, detection.seed
     found, needed, curve = hardest(tables["pairs"]), tables["needed"], tables["detection"]
-    words = f"Fill ratios added to count false alarms: {listed(map(stated_percent, added))}." if added else ""
     return Document(
         title="How many robots, and how much time?",
         answer=_answer(found, scenario, detection),
@@ -52,7 +51,6 @@ def detection_document(detection: Detection) -> Document:
         warnings=detection.warnings,
         parts=(
             Text(_setting_of(needed, scenario)),
-            Text(words),
             *if_any(found, lambda _: [_hardest_pairs_table(found, scenario, detection)]),
             Section("Every floor", (_needed_table(needed, scenario), Text(_MEANING))),
             *if_any(tables.get("maps"), _maps),

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from vibroswarm.plots.labels import label_of
+from vibroswarm.study.cells import Cell
 from vibroswarm.study.factors import PLAIN
-from vibroswarm.study.spec import SOURCE, Cell
+from vibroswarm.study.spec import SOURCE
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def name_of(cell: Cell) -> str:
     """Name a cell in a figure: by its varied values with symbols and units, or else by ``Cell.name``."""
     # ``Cell.name`` is not just the varied values if the cell has a label, if nothing is varied (then it is the
     # strategy), or if the cell's number distinguishes it from an equal name (``factors.names_of``).
-    is_named_by_values = cell.point and cell.name == cell.words_of(cell.point)
+    is_named_by_values = cell.point and cell.name == cell.text_of(cell.point)
     return _words(cell, list(cell.point)) if is_named_by_values else cell.name
 
 
@@ -86,9 +87,9 @@ def _words(cell: Cell, fields: Sequence[str]) -> str:
     Fields that the cell does not set are left out.
     """
     return ", ".join(
-        cell.words[field] if field in PLAIN else label_of(field).of(cell.words[field])
+        cell.texts[field] if field in PLAIN else label_of(field).of(cell.texts[field])
         for field in fields
-        if field in cell.words
+        if field in cell.texts
     )
 
 

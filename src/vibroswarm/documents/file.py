@@ -25,24 +25,13 @@ MOST_CHARACTERS: Final = 200
 """Most characters of a value of a field."""
 
 
-def search_file_document(search: Search, grid_cells: int) -> Document:
-    """Return what a file of a search holds.
-
-    Args:
-        grid_cells: number of cells if the file can be read as a grid too; 0: it cannot.
-    """
-    names = list(search.space.names)
-    method = "grid" if grid_cells else search.settings.method_name
-    words = (
-        f"Grid of {count(grid_cells, 'cell')} over {listed(names)}, or fields of a search."
-        if grid_cells
-        else f"Search of {count(len(names), 'field')} by {method}: {listed(names)}."
-    )
+def search_file_document(search: Search) -> Document:
+    """Return what a file of a search holds."""
+    names, method = list(search.space.names), search.settings.method_name
     return Document(
         title="Search",
-        answer=(words,),
-        made_by={"search": search.hash, "method": method}
-        | ({"cells": str(grid_cells)} if grid_cells else {}),
+        answer=(f"Search of {count(len(names), 'field')} by {method}: {listed(names)}.",),
+        made_by={"search": search.hash, "method": method},
         data={"fields": pl.DataFrame({"field": names})},
     )
 

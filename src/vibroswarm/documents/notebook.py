@@ -10,19 +10,14 @@ from vibroswarm.result import Result
 from vibroswarm.run_page.write import page_html, record_of, why_no_page
 from vibroswarm.show.markup import escape
 from vibroswarm.show.page import fragment_html
-from vibroswarm.study.evaluation import ReportFile
 
 PLAYER_PX: Final = 760
 """Height of the frame with a run's page."""
-REPORT_PX: Final = 900
-"""Height of the frame with a report."""
 
 
 def html_of(value: object) -> str:
     """Return what a notebook shows of an object that has a document."""
     html = fragment_html(document_of(value))
-    if isinstance(value, ReportFile):
-        return html + _frame(value.path.read_text(encoding="utf-8"), "Report of a study", REPORT_PX)
     return html + _first_run(value) if isinstance(value, Result) and value.runs.height else html
 
 

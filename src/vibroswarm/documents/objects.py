@@ -1,4 +1,4 @@
-"""The documents of scenarios, results of studies and written reports, which a notebook shows."""
+"""The documents of scenarios and of runs, which a notebook shows."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from vibroswarm.core.numbers import size, stated
 from vibroswarm.errors import shown
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Document, Section, Table, Text
-from vibroswarm.study.evaluation import ReportFile
-from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.runs import Runs
 
 
 def scenario_document(scenario: Scenario) -> Document:
@@ -29,15 +28,9 @@ def scenario_document(scenario: Scenario) -> Document:
     return Document("Scenario", (), parts=(table, toml))
 
 
-def study_result_document(result: StudyResult) -> Document:
-    """Return the document of a study's result before it is summarised: its cells, and how many runs each has."""
-    cells = result.cells.select(
+def runs_document(runs: Runs) -> Document:
+    """Return the document of runs before they are summarised: their cells, and how many runs each has."""
+    cells = runs.cell_table.select(
         pl.col("cell").cast(pl.String), "name", runs_wanted="wanted", runs_saved="there"
     )
-    then = Text("Next: .summary(), .compare(), .plot(), .report()")
-    return Document("Study result", (repr(result),), parts=(Table(cells, name="cells", names=2), then))
-
-
-def report_document(report: ReportFile) -> Document:
-    """Return the document of a report that was written, which says where."""
-    return Document(f"Report in {report.path}", ())
+    return Document("Runs", (repr(runs),), parts=(Table(cells, name="cells", names=2),))

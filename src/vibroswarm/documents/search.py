@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import columns_of, plain
 from vibroswarm.core.numbers import Estimate, count, count_of, listed, number, percent, whole, with_limits
 from vibroswarm.documents.knowledge import told, versions_in_words
@@ -26,12 +25,10 @@ from vibroswarm.documents.search_tables import (
     frame_of,
     front_table,
     history_of,
-    parts_of,
     truth_tables,
     value_table,
 )
 from vibroswarm.documents.search_words import (
-    aim,
     aims,
     beaten,
     best_sentence,
@@ -45,7 +42,6 @@ from vibroswarm.documents.search_words import (
     warnings_of,
 )
 from vibroswarm.optimize.loop import Found
-from vibroswarm.optimize.scenario_comparison import Checked
 from vibroswarm.optimize.search_files import file_text
 from vibroswarm.optimize.sensitivity import Sensitivity
 from vibroswarm.optimize.spec import Search
@@ -55,7 +51,7 @@ from vibroswarm.plots.labels import setting_words
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.search import draw_parameters, draw_search
 from vibroswarm.plots.style import SERIES_UP_TO
-from vibroswarm.scenario.scenario import Scenario, changes
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
 from vibroswarm.simulation import versions
 
@@ -301,17 +297,19 @@ def _made_by(search: Search, made_by: Sequence[Mapping[str, str]]) -> dict[str, 
     }
 
 
-def commands(file: str, against: str, options: str = "") -> dict[str, str]:
+def commands(file: str, against: str) -> dict[str, str]:
     """Return the commands that run ``best.toml``, compare it with a preset on other runs, and repeat the search.
 
     Args:
-        file: the file of the search or grid; if it is empty, only the first command is returned: the others need it.
-        against: the preset. options: of the command that repeats it, with a space before each.
+        file: the file of the search; if it is empty, only the first command is returned: the others need it.
+        against: the preset.
     """
     run = {"one run of the best, in this folder": "vibroswarm run --scenario best.toml"}
-    check = f"vibroswarm optimize compare best.toml {against} --search {file}"
-    again = f"vibroswarm optimize {file}{options} --out ."
-    more = {"scored once more on other runs, in pairs, twice": check, "to repeat, in this folder": again}
+    check = f"vibroswarm evaluate best.toml {against}"
+    more = {
+        "compared with a preset, run by run": check,
+        "to repeat, in this folder": f"vibroswarm optimize {file} --out .",
+    }
     return run | (more if file else {})
 
 
@@ -375,76 +373,3 @@ def _effects(found: Sensitivity) -> Iterator[str]:
         yield (
             f"No significant effect: {', '.join(without_effect)}. Four times the --budget makes intervals half as wide."
         )
-
-
-ASKED: Final = ("arena", "floor", "change", "task")
-"""Sections that say what is inspected and asked."""
-
-
-def checked_document(found: Checked) -> Document:
-    """Return the document of a comparison."""
-    unit, scenarios = found.objective.unit, (found.first, found.second)
-    failed = [
-        f"{count(one.failed, 'run')} of {one.name} FAILED (in no figure)." for one in scenarios if one.failed
-    ]
-    difference, again = (with_limits(each, sign=True) for each in (found.difference, found.replicate))
-    words = (
-        f"{found.first.name} - {found.second.name}, {aim(found.objective)}: {difference} on "
-        f"{count(found.first.score.n, 'fresh run')} of each, in pairs; {again} on other seeds."
-    )
-    figures = frame_of([paired.as_row() for paired in found.figures])
-    case_names = [str(k + 1) for k in range(len(found.first.cases))]
-    return Document(
-        title=f"{found.first.name} against {found.second.name}",
-        answer=(found.says, words),
-        knew=told(found.scenarios),
-        warnings=(*_different_questions(found), *failed),
-        parts=(_scores(found), *parts_of(scenarios, case_names, unit), _figures(figures, found)),
-        made_by={"objective": found.objective.words, "seed": str(found.seed)},
-        data={"differences": _differences_by_seed(found), "figures": figures},
-    )
-
-
-def _different_questions(found: Checked) -> tuple[str, ...]:
-    """Warn if the scores are not of the same surface or question: not the settings alone make their difference."""
-    differing = [name for name in changes(*found.scenarios) if name.partition(".")[0] in ASKED]
-    if not differing:
-        return ()
-    return (f"The two differ in {listed(differing)} too; --search FILE sets its cases in both.",)
-
-
-def _scores(found: Checked) -> Table:
-    rows = [
-        {"name": one.name, **columns_of("score", one.score), "runs": one.score.n, "failed": one.failed}
-        for one in (found.first, found.second)
-    ]
-    columns = {
-        "name": Column("scenario"),
-        "score": Column("score", found.objective.unit),
-        "failed": Column("failed runs", wide=True),
-    }
-    return Table(frame_of(rows), columns, name="scores")
-
-
-def _differences_by_seed(found: Checked) -> pl.DataFrame:
-    return frame_of(
-        [
-            {"seeds": seeds, **columns_of("difference", each), "pairs": each.n, "confirmed": found.confirmed}
-            for seeds, each in (("first", found.difference), ("second", found.replicate))
-        ]
-    )
-
-
-def _figures(figures: pl.DataFrame, found: Checked) -> Table:
-    """Tabulate the differences of other figures."""
-    numbers = ["first", "second", "difference", "difference_low", "difference_high"]
-    declared = [BY_COLUMN[name] for name in figures["figure"]]
-    titles = [f"{one.title}, {'%' if one.is_share else one.unit}".rstrip(", ") for one in declared]
-    factors = pl.Series([100.0 if one.is_share else 1.0 for one in declared])
-    shown = figures.select(pl.Series("figure", titles), pl.col(numbers) * factors)
-    columns = {
-        "first": Column(found.first.name, decimals=1),
-        "second": Column(found.second.name, decimals=1),
-        "difference": Column(sign=True, decimals=1),
-    }
-    return Table(shown, columns, "First - second, run by run, with 95 % intervals.", "figures")

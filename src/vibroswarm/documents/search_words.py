@@ -19,7 +19,7 @@ from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import TELLING, Front, Truth
 from vibroswarm.plots.labels import Label, label_of
-from vibroswarm.study.factors import value_in_words
+from vibroswarm.study.factors import value_as_text
 
 ENOUGH: Final = 0.9
 """Share of the budget from which a search counts as finished."""
@@ -45,7 +45,7 @@ def values_text(values: Mapping[str, Any]) -> str:
     Args:
         values: by the full names of the fields.
     """
-    return ", ".join(label_of(name).of(value_in_words(value, 4)) for name, value in values.items())
+    return ", ".join(label_of(name).of(value_as_text(value, 4)) for name, value in values.items())
 
 
 def labels_of(names: Sequence[str]) -> dict[str, Label]:

@@ -69,9 +69,7 @@ def _toml_document(path: Path) -> Document:
     if {"space", "objective", "search"} & set(tables):  # entries of files for `optimize` only
         from vibroswarm.optimize.spec import Search
 
-        # ``optimize --method grid`` writes such a file without settings of a search, which can be read as both.
-        cells = _cells_of_grid(path) if "search" not in tables else 0
-        return file.search_file_document(Search.read(path), cells)
+        return file.search_file_document(Search.read(path))
     # entries that no scenario has; a search may have some of them, so it is detected first
     if {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):
         from vibroswarm.study.spec import Study
@@ -83,16 +81,6 @@ def _toml_document(path: Path) -> Document:
     from vibroswarm.scenario.scenario import Scenario
 
     return file.scenario_file_document(Scenario.read(path), str(path))
-
-
-def _cells_of_grid(path: Path) -> int:
-    """Return the number of cells if a search file is read as a grid; 0 if it cannot be."""
-    from vibroswarm.optimize.grid import Grid
-
-    try:
-        return len(Grid.read(path).study.cells)
-    except InputError:  # some fields have bounds only, or there are several objectives
-        return 0
 
 
 def _is_settings(tables: dict[str, Any]) -> bool:
@@ -194,12 +182,12 @@ def _of_kind(folder: Path, kind: str | None, printed: Shown | None) -> Shown:
         return saved._replace(documents=(state, *saved.documents), state=about)
     if kind == "study":
         from vibroswarm.documents.study_folder import results_or_need, state_document, study_state
-        from vibroswarm.study.store import Store
+        from vibroswarm.study.spec import Study
 
-        store = Store.open(folder)
-        about, needed = study_state(store), ""
+        study, runs = Study.open(folder)
+        about, needed = study_state(study, runs), ""
         if printed is None:
-            results, needed = results_or_need(store)
+            results, needed = results_or_need(runs)
             saved = Shown(() if results is None else (results,))
         about |= {"results_need": needed} if needed else {}
         return saved._replace(documents=(state_document(about, needed), *saved.documents), state=about)

@@ -6,7 +6,6 @@ outcome of the cells, decisions over time, comparisons, how robots sampled, and 
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -37,6 +36,7 @@ from vibroswarm.documents.study_words import (
     SHORT,
     asks_numbers,
     cell_sentence,
+    lacks_truth,
     question,
     sentence,
     title_of,
@@ -52,8 +52,7 @@ from vibroswarm.show.document import (
     if_any,
     limits_of,
 )
-from vibroswarm.study.cell_comparison import SIGNIFICANT, Answer, lacks_truth
-from vibroswarm.study.evaluation import Comparison
+from vibroswarm.study.comparison import SIGNIFICANT, Answer
 from vibroswarm.study.summary import CellOutcome, Outcome
 
 MOST_SENTENCES: Final = 12
@@ -80,7 +79,7 @@ def study_document(outcome: Outcome) -> Document:
         Section("Can it be decided at all", _decidability_parts(outcome), wide=True),
     )
     return Document(
-        title=title_of(outcome.result),
+        title=title_of(outcome.runs),
         answer=_answer(outcome),
         knew=told(one.cell.scenario for one in outcome.cells),
         warnings=tuple(warnings_of(outcome)),
@@ -90,27 +89,13 @@ def study_document(outcome: Outcome) -> Document:
     )
 
 
-def comparison_document(comparison: Comparison) -> Document:
-    """Return what the comparisons of a study's cells say, without its figures."""
-    outcome = comparison.outcome
-    head, compared = _differences_parts(outcome)
-    data = _tables_for_json(outcome)
-    return Document(
-        title=question(outcome),
-        answer=_answer(outcome, math.inf),
-        knew=told(one.cell.scenario for one in outcome.cells),
-        warnings=tuple(warnings_of(outcome)),
-        parts=(
-            *head,
-            Section("Compared run by run", tuple(compared)),
-            *([] if outcome.answers else [_outcome_table(outcome)]),
-        ),
-        made_by=_made_by(outcome),
-        data={name: data[name] for name in ("comparisons",) if name in data},
-    )
+def _against(answer: Answer) -> str:
+    """Name a comparison: ``soft against none, random:0.48``."""
+    first, reference, rest = answer.pair.names
+    return f"{first} against {reference}" + (f", {rest}" if rest else "")
 
 
-def _answer(outcome: Outcome, most: float = MOST_SENTENCES) -> tuple[str, ...]:
+def _answer(outcome: Outcome, most: int = MOST_SENTENCES) -> tuple[str, ...]:
     """Return sentences on the first ``most`` comparisons, or on the first cells if a study compares none.
 
     If comparisons or cells are left out, a last sentence states their number.
@@ -140,7 +125,7 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
     """Tabulate the differences of each pair of cells, one row each."""
     rows = []
     for answer in answers:
-        row: dict[str, Any] = {"name": answer.name}
+        row: dict[str, Any] = {"name": _against(answer)}
         for effect in answer.effects:
             if effect.is_defined:
                 row |= columns_of(effect.paired.figure, effect.paired.difference)
@@ -217,7 +202,7 @@ def _outcome_table(outcome: Outcome) -> Table:
     ends = sorted({one.summary.t_end_s for one in outcome.cells})
     whole = f"{number(ends[0])} s" if len(ends) == 1 else "the whole run"
     figures, shown = _figures_of(outcome)
-    if until := outcome.result.study.until:  # its interval is what was asked for
+    if until := outcome.runs.until:  # its interval is what was asked for
         figures, shown = (*figures, until.figure), (*shown, until.figure)
     names = dict.fromkeys(["runs", *(["failed_runs"] if outcome.has_failed_runs else []), *figures])
     rows = outcome.table.select("name", *with_limits_of(_given(names, outcome.table), outcome.table.columns))
@@ -260,7 +245,7 @@ _AGREED_ON: Final = ("agreed_on_0", "agreed_on_1")
 def _agrees(one: CellOutcome, *, many: bool) -> bool:
     """Return whether it counts on what the swarms of a cell agreed, of two answers or of ``many``."""
     scenario = one.cell.scenario
-    is_asked = lacks_truth(one.summary) and not scenario.task.asks_number
+    is_asked = lacks_truth(one) and not scenario.task.asks_number
     return is_asked and (len(answers_of(scenario)) > 2) == many
 
 
@@ -339,7 +324,7 @@ def _levels(outcome: Outcome) -> str:
     Intervals are computed several times (looks), and the study ends when one is narrow enough. So that the last one
     holds at the study's level (95 %), the interval of each look has a higher level.
     """
-    until = outcome.result.study.until
+    until = outcome.runs.until
     levels = {one.settled.level for one in outcome.cells if one.settled}
     if until is None or not levels:
         return ""
@@ -442,18 +427,16 @@ def _decidable(outcome: Outcome) -> pl.DataFrame:
 
 def _made_by(outcome: Outcome) -> Mapping[str, str]:
     """Return hash, seed, source of motion, versions, and the command that repeats the study."""
-    study = outcome.result.study
-    made_by = {"study": study.hash, "seed": str(study.seed), "engine": study.motion}
-    made_by |= versions_in_words(outcome.result.store.made_by)
-    folder = outcome.result.store.folder
-    if not outcome.result.is_saved:
+    runs = outcome.runs
+    made_by = {"seed": str(runs.seed), "engine": runs.motion} | versions_in_words(runs.store.made_by)
+    if runs.folder is None:
         return made_by
-    again = ["vibroswarm", "evaluate", f"{folder}/study.toml", "--out", f"{folder}"]
+    again = ["vibroswarm", "evaluate", f"{runs.folder}/study.toml", "--out", f"{runs.folder}"]
     return made_by | {"again": shlex.join(again)}
 
 
 def _tables_for_json(outcome: Outcome) -> dict[str, pl.DataFrame]:
-    data = {"cells": outcome.result.cells, "decidability": _decidable(outcome), **outcome.tables}
+    data = {"cells": outcome.runs.cell_table, "decidability": _decidable(outcome), **outcome.tables}
     if settled := [
         {"cell": one.cell.number, "name": one.cell.name, **one.settled._asdict()}
         for one in outcome.cells

@@ -2,7 +2,7 @@
 
 Most figures are drawn from the figures of the study's cells. Those of samples need the samples themselves, which a
 study rarely saves: some of its runs are simulated again from the seed, and the caption says how many. The name of a
-figure is its file name without a suffix; ``StudyResult.plot`` takes it too.
+figure is its file name without a suffix; the document's ``figures`` have it too.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import polars as pl
 from scipy.special import betainc
 
 from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
-from vibroswarm.analysis.incidence import READ, robot_incidence, swarm_incidence
+from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.core.numbers import count, drawn_of, first_of, listed, stated
 from vibroswarm.documents.cell_figures import TIME_AND_ERROR
 from vibroswarm.documents.figure_axes import Layout, layout_of, name_of, plane_of
@@ -30,7 +30,8 @@ from vibroswarm.plots.heat import draw_density, draw_heat
 from vibroswarm.plots.labels import label_of
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.document import Figure, limits_of
-from vibroswarm.study.cell_comparison import Compared, comparison_table
+from vibroswarm.study.comparison import Compared, comparison_table
+from vibroswarm.study.runs import groups_of
 from vibroswarm.study.spec import SOURCE
 from vibroswarm.study.summary import CellOutcome, Outcome
 
@@ -108,7 +109,7 @@ def not_drawn(outcome: Outcome) -> str:
         "belief over time": decides
         and len(cells) > MOST_SERIES
         and any(_sampled(outcome, one, "belief_below") for one in cells),
-        "where robots sampled": len(outcome.result.plan.groups) > MOST_PANELS,
+        "where robots sampled": len(groups_of(outcome.runs.cells)) > MOST_PANELS,
     }
     words = [what for what, is_omitted in omitted.items() if is_omitted]
     return f"Too many cells ({len(cells)}) to draw: {listed(words)}. Tables have all cells." if words else ""
@@ -288,7 +289,7 @@ def _incidence(
     """
     frames = []
     for cell_outcome in cells:
-        robots, runs = outcome.result.tables(cell_outcome.cell.number, READ)
+        robots, runs = outcome.runs.tables(cell_outcome.cell)
         t_end_s = cell_outcome.summary.t_end_s
         times_s = np.linspace(0.0, t_end_s, TIMES)
         incidence = robot_incidence if unit == "robot" else swarm_incidence
@@ -314,7 +315,7 @@ def _spread(outcome: Outcome, style: str) -> Picture:
     A run without consensus has no such time (null); it is counted as "without consensus".
     """
     frames = [
-        outcome.result.tables(one.cell.number, ["consensus_time_s"])[1].select(
+        outcome.runs.rows("consensus_time_s", cells=[one.cell]).select(
             cell=pl.lit(name_of(one.cell)), value="consensus_time_s"
         )
         for one in outcome.cells
@@ -404,34 +405,34 @@ def sampling_figures(outcome: Outcome) -> Iterator[Figure]:
     Cells of a group share their motion, so each group has one figure. There are none if there are more than
     ``MOST_PANELS`` groups, or if no robot sampled.
     """
-    groups = outcome.result.plan.groups
+    groups = groups_of(outcome.runs.cells)
     if len(groups) > MOST_PANELS:
         return
-    for group in groups:
-        in_group = (cell_outcome for cell_outcome in outcome.cells if cell_outcome.cell in group.cells)
+    for number, group in enumerate(groups):
+        in_group = (cell_outcome for cell_outcome in outcome.cells if cell_outcome.cell in group)
         # Cells of a group may end at different times, so the first one may have no samples, unlike the others.
         one = next((cell_outcome for cell_outcome in in_group if _sampled(outcome, cell_outcome)), None)
         if one is not None:
-            name = "density" + (f"-{group.number + 1}" if len(groups) > 1 else "")
+            name = "density" + (f"-{number + 1}" if len(groups) > 1 else "")
             words = f": {name_of(one.cell)}" if len(groups) > 1 else ""
             yield _figure(name, f"Where robots sampled{words}", _density, outcome, one)
 
 
 def _sampled(outcome: Outcome, one: CellOutcome, known: str = "samples") -> bool:
     """Return whether any robot sampled in those runs of a cell that are simulated again, and has what is ``known``."""
-    number = one.cell.number
-    runs = outcome.result.runs_again(number, SIMULATED_RUNS)  # the first that are stored
-    rows = outcome.result.unsorted_rows(number, start=runs[0], end=runs[-1] + 1)
-    chosen = rows.filter(pl.col("samples") > 0).select(pl.col(known).is_not_null().any())
-    return bool(chosen.collect().item())
+    robots = outcome.runs.tables(one.cell)[0]
+    rows = robots.filter(
+        pl.col("run") < outcome.runs.runs_again(one.cell, SIMULATED_RUNS), pl.col("samples") > 0
+    )
+    return bool(rows[known].is_not_null().any())
 
 
 def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
     """Draw where the robots of a cell sampled, with the tiles of the floor if it is the same in all runs."""
     # At least one run: the cells of an outcome have stored runs.
-    chosen = outcome.result.runs_again(one.cell.number, SIMULATED_RUNS)
-    result, runs = outcome.result.result(one.cell.number, chosen), len(chosen)
-    arena, floor = one.cell.scenario.arena, result.floor(chosen[0])
+    runs = outcome.runs.runs_again(one.cell, SIMULATED_RUNS)
+    result = outcome.runs.again(one.cell, runs)
+    arena, floor = one.cell.scenario.arena, result.floor(0)
     fixed = not one.cell.scenario.floor.drawn_by_run  # the floor is the same in all runs
     return draw_density(
         result.motion.select("x_m", "y_m"),
@@ -449,11 +450,10 @@ def _belief(outcome: Outcome, cells: Sequence[CellOutcome], style: str) -> Pictu
     """Draw quantiles of the robots' belief over time for each cell, from runs that are simulated again."""
     frames, runs = [], []
     for cell_outcome in cells:
-        number = cell_outcome.cell.number
-        chosen = outcome.result.runs_again(number, SIMULATED_RUNS)
-        result = outcome.result.result(number, chosen)
-        runs.append(len(chosen))
-        robots = len(chosen) * cell_outcome.cell.scenario.swarm.robots
+        chosen = outcome.runs.runs_again(cell_outcome.cell, SIMULATED_RUNS)
+        result = outcome.runs.again(cell_outcome.cell, chosen)
+        runs.append(chosen)
+        robots = chosen * cell_outcome.cell.scenario.swarm.robots
         # The tables ``inference`` and ``motion`` have the same samples in the same order.
         frames.append(
             _belief_bands(result.inference.with_columns(time_s=result.motion["time_s"]), robots, cell_outcome)

@@ -12,6 +12,8 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+import polars as pl
+
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import side
 from vibroswarm.analysis.sampling import blocked_words
@@ -21,6 +23,7 @@ from vibroswarm.core.numbers import (
     count,
     counts,
     listed,
+    number,
     p_value,
     some,
     stated,
@@ -31,11 +34,10 @@ from vibroswarm.core.numbers import (
 )
 from vibroswarm.documents.knowledge import setting as setting_of
 from vibroswarm.scenario.fault_draws import fault_words
-from vibroswarm.study.batch_table import failed_words
-from vibroswarm.study.cell_comparison import Answer, Compared, lacks_truth
-from vibroswarm.study.factors import fields_in_words
-from vibroswarm.study.spec import Cell
-from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.cells import Cell
+from vibroswarm.study.comparison import Answer, Compared
+from vibroswarm.study.factors import fields_as_text
+from vibroswarm.study.runs import Runs
 from vibroswarm.study.summary import CellOutcome, Outcome
 
 SHORT: Final = {
@@ -62,11 +64,11 @@ MOST_NAMES: Final = 6
 """Cells, or the values of a field, are named if there are at most this many."""
 
 
-def title_of(result: StudyResult) -> str:
+def title_of(runs: Runs) -> str:
     """Return the study's name; without one, what it varies, the names of its selected cells, or their number."""
-    cells = [result.study.cells[number] for number in result.selected]
-    if result.study.name:
-        return result.study.name
+    cells = runs.cells
+    if runs.name:
+        return runs.name
     if values := _values_by_field(cells):
         return "; ".join(_values_in_words(name, each, "and") for name, each in values.items())
     return listed(cell.name for cell in cells) if len(cells) <= MOST_NAMES else count(len(cells), "cell")
@@ -75,7 +77,7 @@ def title_of(result: StudyResult) -> str:
 def _values_by_field(cells: Sequence[Cell]) -> dict[str, list[str]]:
     """Return the values of each varied field, if the cells are all combinations of several fields; else nothing."""
     values = {
-        name: list(dict.fromkeys(cell.words.get(name, "") for cell in cells)) for name in cells[0].words
+        name: list(dict.fromkeys(cell.texts.get(name, "") for cell in cells)) for name in cells[0].texts
     }
     varied = {name: each for name, each in values.items() if len(each) > 1}
     are_all = len(varied) > 1 and math.prod(map(len, varied.values())) == len(cells)
@@ -84,20 +86,20 @@ def _values_by_field(cells: Sequence[Cell]) -> dict[str, list[str]]:
 
 def _values_in_words(field: str, values: Sequence[str], word: str) -> str:
     """Write values of a field: ``none, positive and soft``, ``robots 5 and 10``."""
-    return fields_in_words({field: listed(values, word)})
+    return fields_as_text({field: listed(values, word)})
 
 
 def _cells_in_question(outcome: Outcome) -> str:
     """Name the cells that are compared: ``none or soft, for each of random:0.48 and random:0.40``."""
     cells = [one.cell for one in outcome.cells]
-    values, compared = _values_by_field(cells), {one.field for one in outcome.comparisons}
+    values, compared = _values_by_field(cells), {one.pair.field for one in outcome.comparisons}
     if values and len(compared) == 1 and compared <= set(values):
         (field,) = compared
         rest = [_values_in_words(name, each, "and") for name, each in values.items() if name != field]
         return f"{_values_in_words(field, values[field], 'or')}, for each of {', and of '.join(rest)}"
     names = [cell.name for cell in cells]
     one_by_one = 1 < len(names) <= MOST_NAMES and not values
-    return listed(names, "or") if one_by_one else title_of(outcome.result)
+    return listed(names, "or") if one_by_one else title_of(outcome.runs)
 
 
 def asks_numbers(outcome: Outcome) -> bool:
@@ -111,14 +113,13 @@ def question(outcome: Outcome) -> str:
     Without comparisons, the text is no question: it names the cells, the setting and the runs.
     """
     cells = [one.cell for one in outcome.cells]
-    study = outcome.result.study
     # The setting is what all cells share: a varied field is not part of it, but of the cells' names.
-    where = setting_of(cells[0].scenario, study.varied)
+    where = setting_of(cells[0].scenario, outcome.runs.varied)
     which = _cells_in_question(outcome)
     runs = counts((one.summary.runs for one in outcome.cells), "run")
     setting = f"{where}; {runs}" if where else runs
     if not outcome.comparisons:
-        return f"{which}: {setting}{' each' * (len(cells) > 1)}, seed {study.seed}."
+        return f"{which}: {setting}{' each' * (len(cells) > 1)}, seed {outcome.runs.seed}."
     asks = "Which decides sooner"
     if any(one.summary.swarm_right.n for one in outcome.cells):
         asks += ", and which is wrong more often"
@@ -133,13 +134,13 @@ def headline(answer: Answer) -> str:
     if "estimate_error" in by_figure:
         exact = _comparative(by_figure["estimate_error"], "less exact", "more exact")
         return (
-            f"{answer.first_name} and {answer.reference_name}: no difference shown in the error of estimates"
+            f"{answer.pair.names[0]} and {answer.pair.names[1]}: no difference shown in the error of estimates"
             if exact is None
-            else f"{answer.first_name} is {exact} than {answer.reference_name}"
+            else f"{answer.pair.names[0]} is {exact} than {answer.pair.names[1]}"
         )
     time = _comparative(by_figure["decision_time_s"], "slower", "faster")
     wrong = _comparative(by_figure["wrong_share"], "wrong more often", "wrong less often")
-    first, reference = answer.first_name, answer.reference_name
+    first, reference = answer.pair.names[0], answer.pair.names[1]
     can_err = by_figure["wrong_share"].is_defined
     if time is None and wrong is None:
         return f"{first} and {reference}: no difference shown in time{' or wrong decisions' * can_err}"
@@ -160,9 +161,9 @@ def sentence(answer: Answer) -> str:
     """Write all significant differences; a second sentence lists the others."""
     shown = [effect for effect in answer.effects if effect.significant]
     others = [effect for effect in answer.effects if effect.is_defined and not effect.significant]
-    where = f" ({answer.rest})" if answer.rest else ""
+    where = f" ({answer.pair.names[2]})" if answer.pair.names[2] else ""
     if not shown:
-        names = f"{answer.first_name} and {answer.reference_name}"
+        names = f"{answer.pair.names[0]} and {answer.pair.names[1]}"
         if not others:
             return f"{names}{where} cannot be compared: no difference between them is defined."
         return f"{names}{where}: no significant difference ({_differences(others)})."
@@ -211,6 +212,11 @@ def _differences(effects: Iterable[Compared]) -> str:
     )
 
 
+def lacks_truth(one: CellOutcome) -> bool:
+    """Return whether no answer is right in some runs of a cell: then its outcome is on what its swarms agreed."""
+    return bool(one.summary.swarm_right.n < one.summary.runs)
+
+
 def cell_sentence(one: CellOutcome) -> str:
     """Write a cell's shares of right, wrong and undecided robots, and its decision time.
 
@@ -231,7 +237,7 @@ def cell_sentence(one: CellOutcome) -> str:
         if not math.isnan(share.estimate)
     ]
     time = with_limits(figures.decision_time_s, "s", 0)
-    agreement = f" {_agreement(one)}" if lacks_truth(figures) else ""
+    agreement = f" {_agreement(one)}" if lacks_truth(one) else ""
     return f"{one.cell.name}: robots {', '.join(words)}; decision time {time}.{agreement}"
 
 
@@ -308,6 +314,20 @@ def _floor_words(one: CellOutcome) -> str:
     )
 
 
+def failed_words(failed: pl.DataFrame, runs: int) -> str:
+    """Write how many runs of a cell failed, with time and cause of the first.
+
+    Args:
+        failed: run, time_s and reason, at least one. runs: number of all runs of the cell.
+    """
+    first = failed.row(0, named=True)
+    return (
+        f"{whole(failed.height)} of {count(runs, 'run')} failed in the source of motion; the robots have "
+        f"stood still since and count as undecided (run {first['run']} at {number(first['time_s'], digits=4)} s: "
+        f"{first['reason']})."
+    )
+
+
 def _fault_words(one: CellOutcome) -> str:
     """Write that robots with a fault count like the others: they may be why no swarm is right."""
     faults = listed([fault_words(kind) for kind in one.cell.scenario.faults.kinds])
@@ -315,15 +335,15 @@ def _fault_words(one: CellOutcome) -> str:
 
 
 def _missing_runs(outcome: Outcome) -> list[str]:
-    """Write which runs failed or are missing."""
-    words = [_failed_batches(outcome.result)] if outcome.result.store.failures else []
+    """Write which runs are missing."""
+    words = []
     if outcome.without_runs:
         words.append(
             f"there are no runs of {some([cell.name for cell in outcome.without_runs], MOST_NAMES)}."
         )
-    cells = outcome.result.cells
+    cells = outcome.runs.cell_table
     lost = int((cells["wanted"] - cells["there"]).sum())
-    if lost and not outcome.result.store.failures:  # failed batches already have a warning
+    if lost:
         words.append(
             f"{whole(lost)} of {count(int(cells['wanted'].sum()), 'run')} {verb(lost, 'are', 'is')} missing; "
             "run the same command again."
@@ -331,31 +351,18 @@ def _missing_runs(outcome: Outcome) -> list[str]:
     return words
 
 
-def _failed_batches(result: StudyResult) -> str:
-    """Write how many runs of which cells are missing because their batches failed, with the first cause.
-
-    The store has at least one failure. Cells of a failed batch are named, whether they are selected or not.
-    """
-    failures, groups = result.store.failures, {group.number: group for group in result.plan.groups}
-    names = dict.fromkeys(cell.name for failure in failures for cell in groups[failure["group"]].cells)
-    return (
-        f"{count(len(result.store.lost_runs), 'run')} of {some([*names], MOST_NAMES)} failed and are in no figure, so "
-        f"that figures of the others may be biased ({failures[0]['why']})."
-    )
-
-
 def _store_warnings(outcome: Outcome) -> list[str]:
-    store = outcome.result.store
+    store = outcome.runs.store
     different = "runs were made by different versions of the software; they may not be repeatable as a whole."
     return [
-        *(f"a damaged shard was left out: {damage}" for damage in store.damaged),
+        *(f"a damaged file was left out: {path.name}" for path in store.damaged),
         different if len(store.made_by) > 1 else "",
     ]
 
 
 def _imprecise(outcome: Outcome) -> str:
     """Write of how many cells the figure with the wanted precision is not precise enough after the most runs."""
-    until = outcome.result.study.until
+    until = outcome.runs.until
     if until is None:
         return ""
     # A group is settled as a whole; some of its cells may be precise enough.

@@ -39,13 +39,12 @@ from vibroswarm.analysis.intervals import (
     within,
 )
 from vibroswarm.floors.source import source_of
-from vibroswarm.inference.outcomes import Array
+from vibroswarm.inference.outcomes import Array, numbers
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import fields_read
-from vibroswarm.study.run import run
-from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.runs import Runs
 
 BELIEFS: Final = "beliefs"
 """Name of the folder of these runs inside the folder of a league."""
@@ -88,7 +87,7 @@ def belief_calibration(
     variants = _variants(league)
     if not variants:
         return pl.DataFrame(schema=dict.fromkeys(COLUMNS, pl.String))
-    result = run(belief_league(league, runs).study, folder, **how)
+    result = belief_league(league, runs).study.run(folder, **how)
     sums = _sums(result, (len(variants), len(COUNTS), runs))
     rows: list[dict[str, Any]] = []
     for place, (label, settings, entry) in enumerate(variants):
@@ -181,7 +180,7 @@ def prior_weights(prior: str, entry: Entry, league: League) -> Array:
     return np.asarray(weights / weights.sum())
 
 
-def _sums(study: StudyResult, shape: tuple[int, int, int]) -> Array:
+def _sums(study: Runs, shape: tuple[int, int, int]) -> Array:
     """Sum over the robots of each run.
 
     Args:
@@ -193,12 +192,15 @@ def _sums(study: StudyResult, shape: tuple[int, int, int]) -> Array:
     """
     variants, floors, runs = shape
     sums = np.zeros((4, variants * floors, runs))
-    for cells, robots, of_runs in study.arrays(("decision", "belief_below", "truth")):
-        decision, below = robots["decision"], robots["belief_below"]
+    study.check_complete()
+    for cells, rows in study.blocks("truth", "robot.decision", "robot.belief_below"):
+        shape_here = (len(cells), runs, -1)
+        decision = numbers(rows["robot.decision"].explode()).reshape(shape_here)
+        below = numbers(rows["robot.belief_below"].explode()).reshape(shape_here)
         decided = decision >= 0
         # Decision 0 is "below the boundary".
         confidence = np.where(decision == 0, below, 1.0 - below)
-        right = decided & (decision == of_runs["truth"][..., None])
+        right = decided & (decision == numbers(rows["truth"]).reshape(shape_here))
         of_robots = (decided, np.where(decided, confidence, 0.0), right, np.ones(decision.shape))
         for k, values in enumerate(of_robots):
             # ``cumsum`` adds the robots one after the other, whatever their number.

@@ -41,7 +41,7 @@ from vibroswarm.analysis.intervals import (
     plain,
     within,
 )
-from vibroswarm.analysis.map_figures import MAPPED
+from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.analysis.paired import Paired, compare, holm
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
@@ -52,9 +52,8 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import told
 from vibroswarm.study.factors import LABEL
-from vibroswarm.study.run import run
+from vibroswarm.study.runs import Runs
 from vibroswarm.study.spec import Study
-from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import outcome_of
 
 SHOWN: Final = {
@@ -100,8 +99,6 @@ class League:
     """Number of runs of each entry, floor and swarm size."""
     seed: int = 1
     """Seed of all runs."""
-    command: str = "league"
-    """The words of the command that continues its runs."""
 
     @property
     def boundaries(self) -> set[float]:
@@ -172,7 +169,6 @@ class League:
             seed=self.seed,
             floors=floors,
             name="League",
-            command=self.command,
         )
 
     def play(self, folder: Path | None = None, **how: Any) -> Standings:
@@ -186,7 +182,7 @@ class League:
                 allows failures).
             RunError: runs failed, or the disk is full.
         """
-        return standings_of(self, run(self.study, folder, **how))
+        return standings_of(self, self.study.run(folder, **how))
 
 
 @dataclass(frozen=True)
@@ -198,8 +194,8 @@ class Standings:
     """Values of each figure by its name, (entries, floors, units), in the order of the league. The units are all runs
     of the first swarm size, then those of the next. Forced error, right and wrong are nan where neither decision is
     right."""
-    study: StudyResult
-    """Result of the league's study, with all tables."""
+    study: Runs
+    """The runs of the league's study."""
 
     @cached_property
     def main(self) -> Standings:
@@ -225,7 +221,7 @@ class Standings:
     @cached_property
     def t_end_s(self) -> float:
         """The latest end of a run, s."""
-        return max(cell.scenario.run.t_end_s for cell in self.study.study.cells)
+        return max(cell.scenario.run.t_end_s for cell in self.study.cells)
 
     def by_unit(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Array:
         """Average a figure of an entry over floors (by default all), for each unit: (units,).
@@ -317,8 +313,8 @@ class Standings:
     def summary(self) -> pl.DataFrame:
         """All figures of each cell of the ``main`` entries, as a study has them (``summary.Outcome.table``)."""
         labels = {entry.label for entry in main_entries(self.league.entries)}
-        selected = tuple(cell.number for cell in self.study.study.cells if cell.point[LABEL] in labels)
-        return outcome_of(replace(self.study, selected=selected), compare=False).table
+        main = self.study.select(cell for cell in self.study.cells if cell.point[LABEL] in labels)
+        return outcome_of(main, compare=False).table
 
     @cached_property
     def maps(self) -> pl.DataFrame:
@@ -331,10 +327,12 @@ class Standings:
             "run",
         )  # cells are by entry, then floor, then swarm size
         labels, rows = {entry.label for entry in self.league.entries}, []
-        for (_,), own in self.study.maps().group_by(
-            pl.col("cell") // self.league.cells_of_entry, maintain_order=True
-        ):
-            label = self.study.study.cells[own["cell"][0]].point[LABEL]
+        with_maps = [cell for cell in self.study.cells if keeps_map(cell.scenario)]
+        if not with_maps:
+            return pl.DataFrame()
+        by_entry = pl.col("cell") // self.league.cells_of_entry
+        for (_,), own in self.study.rows(*MAPPED, cells=with_maps).group_by(by_entry, maintain_order=True):
+            label = self.study.cells[own["cell"][0]].point[LABEL]
             units = own.group_by(*unit, maintain_order=True).agg(pl.col(MAPPED).mean())
             if label in labels:
                 row: dict[str, Any] = {"name": label, "runs": units.height}
@@ -412,7 +410,7 @@ class Standings:
         return pl.DataFrame(rows, schema=FLOOR_DIFFERENCES)
 
 
-def standings_of(league: League, study: StudyResult) -> Standings:
+def standings_of(league: League, study: Runs) -> Standings:
     """Compute the standings of a league from the result of its study.
 
     Args:

@@ -164,7 +164,6 @@ def tune(
             tuple(robots),
             runs=runs * ROUNDS[number],
             seed=seed + number,
-            command="league tune",
         )
         return league.play(None if folder is None else folder / part, **how)
 

@@ -6,7 +6,7 @@ standings, tables = played(asked)
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
@@ -34,11 +34,10 @@ from vibroswarm.league.entries import (
 )
 from vibroswarm.league.fronts import best_table, front_table
 from vibroswarm.league.standings import League, Standings
-from vibroswarm.scenario.scenario import Scenario, parse_settings
-from vibroswarm.study.scenario_words import (
-    ScenarioWords,
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.study.options import (
+    ScenarioOptions,
     chosen,
-    refuse_without_effect,
     scenario_of,
     several,
 )
@@ -73,7 +72,7 @@ def players_of(
     patterns: Sequence[str] | None = None,
     fills: Sequence[float] | None = None,
     shares: Sequence[float] | None = None,
-    **scenario: Unpack[ScenarioWords],
+    **scenario: Unpack[ScenarioOptions],
 ) -> Players:
     """Return the strategies, the base scenario, the floors and the swarm sizes that words describe.
 
@@ -100,7 +99,7 @@ def players_of(
         chosen("strategy", name)
         for name in several(strategies) or default_strategies(*([kinds] if shares else []))
     ]
-    own: ScenarioWords = {**scenario, "strategy": None, "robots": several(robots)[:1]}
+    own: ScenarioOptions = {**scenario, "strategy": None, "robots": several(robots)[:1]}
     if shares is not None:
         tiles = f"{SIZE['floor.rows']}x{SIZE['floor.columns']}"
         own |= {"strategy": names[0], "floor": floors[0].source, "tiles": tiles}
@@ -114,7 +113,7 @@ def players_of(
     return Players(names, base, floors, tuple(several(robots)) or (5, 10), note)
 
 
-def _with_kinds(scenario: ScenarioWords, kinds: int) -> tuple[ScenarioWords, str]:
+def _with_kinds(scenario: ScenarioOptions, kinds: int) -> tuple[ScenarioOptions, str]:
     """Return words with a sensor of as many kinds, and a task, where they name none; and a note of what was added."""
     settings = [*scenario.get("settings", ())]
     named = {setting.partition("=")[0].strip() for setting in settings}
@@ -163,19 +162,7 @@ def league_of(
     basic = League(base, main_entries(entries), floors, robots, runs=runs, seed=seed)
     for text in vary:
         entries = varied_by(entries, text)
-    _refuse_without_effect(parse_settings(players.get("settings", ())), base, entries, "--set ")
-    for text in vary:
-        strategy, _, field = text.partition("=")[0].strip().rpartition(":")
-        players_of_it = [entry for entry in entries if strategy in ("", entry.strategy)]
-        _refuse_without_effect([field], base, players_of_it, "--vary ")
     return Asked(replace(basic, entries=entries), basic, note)
-
-
-def _refuse_without_effect(
-    fields: Iterable[str], base: Scenario, entries: Iterable[Entry], option: str
-) -> None:
-    """Refuse fields that no entry of a league uses (``refuse_without_effect``)."""
-    refuse_without_effect(fields, [_scenario_of(entry, base) for entry in entries], option)
 
 
 def _scenario_of(entry: Entry, base: Scenario) -> Scenario:
@@ -199,19 +186,18 @@ def played(
     reference: str | None = None,
     belief_runs: int = 100,
     stages: Stages = SILENT,
-    mixed: bool = False,
     **where: Any,
 ) -> tuple[Standings, dict[str, pl.DataFrame]]:
     """Play a league and test its strategies' beliefs; return the standings and all tables.
 
     Args:
         folder: where runs are saved; None: nowhere. reference: as of ``league_tables``.
-        belief_runs: as of ``belief_runs_of``. stages: told what is done. mixed, where: as of ``study.run.run``.
+        belief_runs: as of ``belief_runs_of``. stages: told what is done. where: as of ``study.run.run``.
     Returns: the tables of ``league_tables``, and "beliefs", which is missing if none of its runs are wanted.
     """
     belief_runs = belief_runs_of(asked, reference, belief_runs)
     with stages.runs("simulating") as progress:
-        standings = asked.league.play(folder, progress=progress, mixed=mixed, **where)
+        standings = asked.league.play(folder, progress=progress, **where)
     tables = league_tables(standings, reference)
     if belief_runs:
         saved = None if folder is None else folder / BELIEFS

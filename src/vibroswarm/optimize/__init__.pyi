@@ -1,8 +1,7 @@
 """Public names and where they are; ``__init__.py`` imports each on first use."""
 
-from .grid import Grid as Grid
-from .grid import scores_of as scores_of
-from .grid import truth_of_grid as truth_of_grid
+from .cell_scores import scores_of as scores_of
+from .cell_scores import with_fresh_runs as with_fresh_runs
 from .loop import Found as Found
 from .loop import run_search as run_search
 from .methods import Method as Method
@@ -11,11 +10,9 @@ from .objective import Objective as Objective
 from .outcomes import Outcomes as Outcomes
 from .outcomes import outcomes_of as outcomes_of
 from .pso import PsoSettings as PsoSettings
-from .scenario_comparison import compare_scenarios as compare_scenarios
 from .search_files import best_scenario as best_scenario
 from .search_files import candidate_table as candidate_table
 from .search_files import history_table as history_table
-from .search_files import write_grid as write_grid
 from .search_files import write_search as write_search
 from .sensitivity import ped_anova as ped_anova
 from .sensitivity import sobol_indices as sobol_indices

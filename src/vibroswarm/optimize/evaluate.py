@@ -16,8 +16,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.numbers import every
-from vibroswarm.errors import InputError, RunError, plain_value
+from vibroswarm.errors import CodeError, InputError, RunError, plain_value
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import Ask
 from vibroswarm.optimize.objective import Objective, Rows
@@ -33,9 +34,8 @@ from vibroswarm.optimize.outcomes import Outcomes, outcomes_of
 from vibroswarm.optimize.pso import shared_run
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.study.executors import Workers
-from vibroswarm.study.plan import scenario_of
-from vibroswarm.study.work import Work, parts_of, results_of
+from vibroswarm.study.batch import scenario_of
+from vibroswarm.study.run import Pool, do_all
 
 PIECE: Final = 10
 """Runs in a piece: about 20 ms of work, hundreds of times the cost of submitting it."""
@@ -47,15 +47,39 @@ RUN_LIMIT: Final = 2**32
 
 
 @dataclass(frozen=True, kw_only=True)
-class Piece(Work):
+class Piece:
     """Successive runs of one candidate, in plain values, to be sent to a worker."""
 
+    first: int
+    """Number of the first run."""
+    last: int
+    """One past the number of the last run."""
+    seed: int
+    motion: str
+    code: tuple[tuple[str, str], ...] = ()
+    """The files of user code that the scenarios need: reference to code (``plugins``) and text of each."""
     cases: tuple[str, ...]
     """Scenarios as TOML; each run is simulated in all of them."""
     values: tuple[tuple[str, Any], ...]
     """Names and values of the fields that the candidate sets in each scenario."""
     crashed: bool = False
     """Whether the runs count as crashed, as some runs of the paper's program did; they are not simulated."""
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return self.last - self.first
+
+    @property
+    def numbers(self) -> range:
+        """Numbers of the runs."""
+        return range(self.first, self.last)
+
+    def parts(self, count: int) -> list[Piece]:
+        """Divide it into ``count`` parts of nearly equal size; into one per run if it has fewer runs."""
+        count = min(count, self.runs)
+        bounds = [self.first + self.runs * k // count for k in range(count + 1)]
+        return [replace(self, first=first, last=last) for first, last in pairwise(bounds)]
 
 
 CRASHED: Final = "taken to crash (pso.crash_share)"
@@ -87,6 +111,10 @@ def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
         outcomes = outcomes_of(scenarios, piece.seed, piece.numbers, piece.motion)
     except InputError as error:
         return str(error)
+    except (CodeError, RunError, MemoryError, OSError):  # the last two are of the machine, not of the runs
+        raise
+    except Exception as error:  # numbers that go wrong in a simulation
+        return f"{type(error).__name__}: {error}"
     return rows_of(outcomes, objectives)
 
 
@@ -206,7 +234,7 @@ Result = tuple[int, Rows | str, int]
 def do_asks(
     asks: Sequence[tuple[Ask, Sequence[Piece]]],
     objectives: tuple[Objective, ...],
-    pool: Workers,
+    pool: Pool,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[Result]:
     """Run the pieces of requests, and return the result of each; see ``do_pieces``."""
@@ -219,7 +247,7 @@ def do_asks(
 def do_pieces(
     pieces: Sequence[Piece],
     objectives: tuple[Objective, ...],
-    pool: Workers,
+    pool: Pool,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[Rows | str]:
     """Run all pieces and return for each, in order, its figures or the reason why it failed; see ``do_piece``.
@@ -234,10 +262,19 @@ def do_pieces(
         InputError: a cost gives no finite number, or is not defined on the outcomes. RunError: the workers are gone.
     """
     undivided = len(pieces) - len(pieces) % pool.width
-    divided = [parts_of(piece, 1 if k < undivided else pool.width) for k, piece in enumerate(pieces)]
+    divided = [piece.parts(1 if k < undivided else pool.width) for k, piece in enumerate(pieces)]
     parts = [part for of_piece in divided for part in of_piece]
-    results = iter(results_of(pool, do_piece, parts, objectives, progress=progress))
-    return [_joined([next(results) for _ in of_piece]) for of_piece in divided]
+    results = dict[int, Rows | str]()
+    done = 0
+
+    def take(found: Rows | str, part: Piece) -> None:
+        nonlocal done
+        results[id(part)], done = found, done + part.runs
+        progress(done)
+
+    do_all(pool, do_piece, parts, take, objectives)
+    each = (results[id(part)] for part in parts)
+    return [_joined([next(each) for _ in of_piece]) for of_piece in divided]
 
 
 def _joined(results: Sequence[Rows | str]) -> Rows | str:
@@ -268,7 +305,7 @@ def figures_of(
     objectives: tuple[Objective, ...],
     runs: int,
     seed: int,
-    workers: Workers,
+    workers: Pool,
     *,
     motion: str = "event",
     progress: Callable[[int], None] = lambda done: None,

@@ -27,7 +27,7 @@ from vibroswarm.optimize.response_surface import optima
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import REQUEST, STEPS, RecordedRun, SearchFolder, results_in, step_table
-from vibroswarm.study.executors import Workers, workers_for
+from vibroswarm.study.run import Pool, pool_for
 
 
 def stage_of(search: Search, archive: Archive) -> Stage:
@@ -133,7 +133,7 @@ def run_search(
         search: its definition.
         folder: where its steps are saved. By default they are not saved, and the search cannot be continued. A search
             whose cost is a function cannot be saved.
-        executor, workers: see ``study.executors``.
+        executor, workers: see ``study.run.pool_for``.
         mixed: whether to continue a search that other versions of vibroswarm or its libraries began. By default this is
             refused, since no single version could repeat such a search.
         progress: called as runs finish, with the state of the search.
@@ -147,7 +147,7 @@ def run_search(
     check_kind(search, Search, "search", "a Search; make one with Search.read(file)")
     check_ready(search)
     place = None if folder is None else SearchFolder(folder, search, mixed=mixed)
-    with workers_for(executor, workers) as pool, nullcontext() if place is None else place.alone():
+    with pool_for(executor, workers) as pool, nullcontext() if place is None else place.alone():
         return _Loop(search, place, pool, progress).run()
 
 
@@ -155,7 +155,7 @@ class _Loop:
     """A running search. A step that the folder has is replayed: the stage gets the recorded results."""
 
     def __init__(
-        self, search: Search, folder: SearchFolder | None, pool: Workers | None, progress: Progress
+        self, search: Search, folder: SearchFolder | None, pool: Pool | None, progress: Progress
     ) -> None:
         """Prepare the search: an archive without candidates."""
         self.search, self.folder, self.pool, self.progress = search, folder, pool, progress

@@ -1,11 +1,9 @@
-"""Write the files of a search or a grid: numbers as CSV, and the winner as a scenario.
+"""Write the files of a search: numbers as CSV, and the winner as a scenario.
 
 best.toml        the winner's scenario, for ``vibroswarm run --scenario``
 history.csv      a row for each iteration: best, mean, personal bests, mean of each field (value and fraction)
 candidates.csv   a row for each candidate: its values, runs, failures, scores
 front.csv        with several objectives: the Pareto front, believed and true scores
-
-For a grid: ``best.toml`` (the lowest cell), ``grid.csv``, ``grid.toml`` (itself).
 """
 
 from __future__ import annotations
@@ -18,17 +16,14 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import plain
 from vibroswarm.core.atomic_io import write_files
-from vibroswarm.core.folders import read_manifest
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.grid import Grid, Nodes
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import versions_of
 from vibroswarm.optimize.validation import Front
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import versions
-from vibroswarm.study.store import Store
 
 
 def best_scenario(found: Found) -> Scenario:
@@ -108,28 +103,8 @@ def write_search(found: Found, folder: str | Path, front: Front | None = None) -
     write_files(Path(folder), contents)
 
 
-def write_grid(nodes: Nodes, folder: str | Path) -> None:
-    """Write the files of a grid (see the head of this module) into a folder.
-
-    Args:
-        nodes: the scored cells.
-    Raises:
-        RunError: a file cannot be written.
-    """
-    contents: dict[str, str | bytes] = {
-        "grid.csv": csv_bytes(nodes.table),
-        "best.toml": nodes.best.cell.scenario.to_toml(),
-    }
-    if text := file_text(nodes.grid):
-        contents["grid.toml"] = text
-    write_files(Path(folder), contents)
-
-
-def file_text(search: Search | Grid) -> str:
-    """Return a search or a grid as TOML; the text is empty if a file cannot hold it.
-
-    This is so if its cost is a function, or if the study of a grid has no block "grid".
-    """
+def file_text(search: Search) -> str:
+    """Return a search as TOML; the text is empty if a file cannot hold it, as its cost is a function."""
     try:
         return search.to_toml()
     except InputError:
@@ -139,14 +114,11 @@ def file_text(search: Search | Grid) -> str:
 def made_by(folder: Path) -> list[dict[str, str]]:
     """Return the versions of the programs that made a folder, one entry for each set of versions.
 
-    These are those that began a search, and the current ones if they differ; or those that ran the study of a grid. If
-    the folder has no readable manifest of either, they are the current versions only.
+    These are those that began the search, and the current ones if they differ.
     """
     now = versions()
     try:
-        if read_manifest(folder)["kind"] == "study":
-            return Store.open(folder).made_by
         began = versions_of(folder)
     except InputError:
         return [now]
-    return [began] if now.items() <= began.items() else [began, now]  # which also has ``registered_code``
+    return [began] if now.items() <= began.items() else [began, now]  # which also has ``registered_sources``

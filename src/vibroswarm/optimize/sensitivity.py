@@ -45,7 +45,7 @@ from vibroswarm.optimize.methods import Ask
 from vibroswarm.optimize.optuna_samplers import quiet
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
-from vibroswarm.study.executors import workers_for
+from vibroswarm.study.run import pool_for
 
 DRAWS: Final = 1000
 """Resamples of the bootstrap."""
@@ -107,7 +107,7 @@ def sobol_indices(
         search: defines the space, the scenarios and the cost (the first column of its first objective).
         budget: largest number of runs; fewer are made, since the number of points is limited to certain values, see
             ``saltelli``.
-        replicates: runs of each point of the design, at least 1. executor, workers: see ``study.executors``.
+        replicates: runs of each point of the design, at least 1. executor, workers: see ``study.run.pool_for``.
         progress: called as runs finish, with the number done so far.
     Raises:
         InputError: SALib is not installed, code is not loaded, the budget is too small, ``replicates`` is not a whole
@@ -120,7 +120,7 @@ def sobol_indices(
     evaluator = Evaluator(archive, scenarios, search.seed, motion=search.study.motion, purpose="sensitivity")
     design = design_of(search, budget, replicates)
     asks = [Ask(archive.new(point, "design"), replicates) for point in design]
-    with workers_for(executor, workers) as pool:
+    with pool_for(executor, workers) as pool:
         of_asks = [(ask, evaluator.pieces(ask)) for ask in asks]
         results = do_asks(of_asks, archive.objectives, pool, progress)
     bad = [(why, runs) for _, why, runs in results if isinstance(why, str)]

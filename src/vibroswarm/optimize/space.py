@@ -82,7 +82,7 @@ class Dimension:
             return cls(name, low=0.0, high=float(len(given)), choices=tuple(given))
         if isinstance(given, Mapping) and "steps" in given:
             raise InputError("'steps' is for a grid; leave it out", field=field)
-        low, high, scale, is_whole = bounds_of(given, field)
+        low, high, scale, is_whole = bounds_of(given, name)
         if field_types().get(name) is int and not is_whole:
             raise InputError("holds whole numbers; give whole ends, such as 1 and 20", field=field)
         if is_whole and not (float(low).is_integer() and float(high).is_integer()):

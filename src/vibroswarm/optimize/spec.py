@@ -42,9 +42,9 @@ from vibroswarm.errors import (
     InputError,
     check_choice,
     check_kind,
+    check_known_keys,
     in_file,
     keep_plain,
-    nearest,
     whole_number_of,
 )
 from vibroswarm.inference.outcomes import truth_on
@@ -56,8 +56,8 @@ from vibroswarm.optimize.space import PAPER, Point, Space, Values
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.study.factors import check_names
-from vibroswarm.study.spec import Cell, Study, as_toml, with_fields
+from vibroswarm.study.cells import Cell
+from vibroswarm.study.spec import Study, as_toml, with_fields
 
 KEYS: Final = ("space", "objective", "search", "pso", "start")
 """Keys that a search adds to those of a study."""
@@ -269,18 +269,11 @@ class Search:
         check_kind(text, str, name, "TOML text")
         values = parsed_toml(text, name)
         search_values = {key: values.pop(key) for key in KEYS if key in values}
-        # The other keys must be those of a study, and ``Study.from_values`` refuses all others. A key that resembles a
-        # key of a search, and none of a study, is refused here: only here the message can suggest the right spelling.
-        # The keys of a study are the names of its fields, and three keys of blocks from which fields are made.
-        study_keys = [f.name for f in fields(Study)]
-        for key in values:
-            if nearest(key, KEYS) and not nearest(key, [*study_keys, "scenario", "grid", "list"]):
-                raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
         with plugins.search_beside(folder):
             block, start = map(
                 plugins.resolve_codes, (search_values.get("space"), search_values.get("start"))
             )
-        study = _study_beside(block, values, name, folder)
+        study = _study_beside(block, values, folder)
         check_kind(block, (Mapping, NoneType), "space", "a table of fields with bounds")
         check_kind(start, (list, NoneType), "start", "a list of presets or of tables of values")
         objectives = objectives_from(search_values.get("objective", {}))
@@ -383,10 +376,15 @@ class Search:
         return self.study.cells
 
     @property
+    def selected(self) -> tuple[list[Scenario], str, str]:
+        """Scenarios, source of motion and method."""
+        return [cell.scenario for cell in self.cases], self.study.motion, self.settings.method
+
+    @property
     def code_used(self) -> tuple[list[Scenario], *tuple[str, ...]]:
         """Scenarios, source of motion, method and choices of the space, whose code ``result.write_code`` writes."""
         choices = [value for one in self.space for value in one.choices if plugins.is_code(value)]
-        return [cell.scenario for cell in self.cases], self.study.motion, self.settings.method, *choices
+        return *self.selected, *choices
 
     @cached_property
     def starts(self) -> list[Point]:
@@ -523,30 +521,30 @@ def _flat(values: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
 def _settings(kind: Any, block: Any, name: str) -> Any:
     """Make settings of the dataclass ``kind`` from the table ``block``, which the file calls ``name``."""
     check_kind(block, Mapping, name, "a table of settings")
-    check_names(block, [f.name for f in fields(kind)], "setting", of=f"{name}.")
+    check_known_keys(block, name, [f.name for f in fields(kind)])
     return kind(**block)
 
 
-def _study_beside(space: Any, values: dict[str, Any], name: str, folder: str | Path | None) -> Study:
+def _study_beside(space: Any, values: dict[str, Any], folder: str | Path | None) -> Study:
     """Return the study of a search's file, whose base may fit together only with values that are searched over.
 
     A base that does not fit, or whose own value of such a field is wrong, gets the first of these values, which every
     candidate replaces.
 
     Args:
-        space: the block ``space``, of any kind. values: the keys of a study. name, folder: as of ``from_toml``.
+        space: the block ``space``, of any kind. values: the keys of a study. folder: as of ``from_toml``.
     Raises:
         InputError: something is wrong; the message is that of the base alone.
     """
     try:
-        return Study.from_values(values, name=name, folder=folder)
+        return Study.from_values(values, folder=folder)
     except InputError:
         base = values.get("scenario")
         if isinstance(space, Mapping) and isinstance(base, Mapping):
             with suppress(InputError):
                 first = {one.name: one.value(0.0) for one in Space.of(space)}
                 fitting = {**values, "scenario": with_fields(base, first)}
-                return Study.from_values(fitting, name=name, folder=folder)
+                return Study.from_values(fitting, folder=folder)
         raise
 
 

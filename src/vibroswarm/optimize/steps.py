@@ -57,8 +57,7 @@ from vibroswarm.optimize.objective import Rows
 from vibroswarm.optimize.spec import Search, differences
 from vibroswarm.result import code_files, write_code
 from vibroswarm.simulation import versions
-from vibroswarm.study.executors import check_begun_by
-from vibroswarm.study.registered_code import check_registered, registered_code
+from vibroswarm.study.store import registered_sources
 
 SEARCH: Final = "search.toml"
 """File with the definition of the search."""
@@ -190,7 +189,7 @@ class SearchFolder:
 
     def _make(self) -> None:
         """Write the files of a new search; the manifest last, since a folder with one counts as a search."""
-        made_by = versions() | registered_code(*self.search.code_used)
+        made_by = versions() | registered_sources(*self.search.selected)
         manifest = manifest_text("search", hash=self.search.hash, versions=made_by)
         write_code(self.folder, *self.search.code_used)
         write_files(self.folder, {SEARCH: self._text, MANIFEST: manifest})
@@ -222,14 +221,22 @@ class SearchFolder:
         # The number of fresh runs changes nothing in the search, and more of them may be needed after it.
         other = search.with_settings(fresh=saved.settings.fresh)
         if manifest["hash"] not in (search.hash, other.hash) or saved.space.names != search.space.names:
-            different = differences(saved, other)
+            fields = differences(saved, other)
             raise InputError(
-                f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
+                f"holds another search: {'; '.join(fields[:3]) or 'its scenario differs'}; take another folder",
                 field=str(self.folder),
             )
-        check_registered([manifest["versions"]], self.folder, *search.code_used)
-        if not mixed:
-            check_begun_by(manifest["versions"], self.folder)
+        theirs = manifest["versions"]
+        changed = [
+            name for name, now in registered_sources(*search.selected).items() if theirs.get(name) != now
+        ]
+        if changed:
+            raise InputError(f"its runs were made with another {changed[0]}", field=str(self.folder))
+        different = [
+            f"{name} {theirs.get(name)}" for name, here in versions().items() if theirs.get(name) != here
+        ]
+        if different and not mixed:
+            raise InputError(f"was begun by other versions ({', '.join(different)})", field=str(self.folder))
 
 
 def saved_search(folder: Path) -> Search:

@@ -40,7 +40,7 @@ from vibroswarm.optimize.objective import (
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import FreshFolder
-from vibroswarm.study.executors import workers_for
+from vibroswarm.study.run import pool_for
 
 TELLING: Final = 0.1
 """Share of the true score. A believed score that differs from the true score by more than this share differs much.
@@ -170,7 +170,7 @@ def truth_of(
         found: the result of the search. runs: number of fresh runs; by default that of the search's settings.
         others: further sets of values of the space's fields, each with its name.
         folder: of the search, which saves the fresh runs; None: they are not saved.
-        executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
+        executor, workers: see ``study.run.pool_for``. progress: called as runs finish, with the number done so far.
     Raises:
         InputError: fewer than 2 runs. RunError: all runs of a set of values failed.
     """
@@ -217,7 +217,7 @@ def score_fresh(
         search: defines scenarios, objective and seed. named: sets of values of the space's fields, each with its name.
         runs: number of runs of each set.
         folder: of the search, which saves the fresh runs; None: they are not saved.
-        executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
+        executor, workers: see ``study.run.pool_for``. progress: called as runs finish, with the number done so far.
     Raises:
         InputError: fewer than 2 runs. RunError: all runs of a set failed.
     """
@@ -245,7 +245,7 @@ def _fresh_figures(
     width = sum(objective.width for objective in objectives)
     saved = None if folder is None else FreshFolder(folder, search)
     fresh: list[RunFigures] = []
-    with workers_for(executor, workers) as pool:
+    with pool_for(executor, workers) as pool:
         for k, values in enumerate(sets):
             done = None if saved is None else saved.read(values, runs, seed, width)
             if done is None:
@@ -468,7 +468,7 @@ def front_of(
 
     Args:
         found: the result of the search; ``found.front`` must not be empty. folder: of the search, which saves the fresh
-            runs; None: they are not saved. executor, workers: see ``study.executors``.
+            runs; None: they are not saved. executor, workers: see ``study.run.pool_for``.
         progress: called as runs finish, with the number done so far.
     Raises:
         InputError: the search has no Pareto front. RunError: all runs of a candidate failed.

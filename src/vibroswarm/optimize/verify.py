@@ -17,16 +17,16 @@ import polars as pl
 from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.atomic_io import MANIFEST
 from vibroswarm.core.folders import KINDS, read_manifest
+from vibroswarm.core.untrusted_files import read_text
 from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.optimize.evaluate import do_piece
 from vibroswarm.optimize.loop import recorded_runs
 from vibroswarm.optimize.steps import STEPS, FreshFolder, RecordedRun, read_step, saved_search, versions_of
 from vibroswarm.result import TABLES, Result
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate, versions
-from vibroswarm.study.batch import FURTHER, ROBOTS, batch_of, do_batch
-from vibroswarm.study.plan import Group
-from vibroswarm.study.store import SHARDS
-from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.batch import Task, simulate_runs
+from vibroswarm.study.store import FOLDER, SCENARIOS, Store
 
 RUNS_AGAIN: Final = 20
 """Runs that are simulated again unless another number is asked for."""
@@ -93,7 +93,8 @@ def verify(
 
     Args:
         folder: of a result, a study (also of a league or a detection), a search (runs of its steps and fresh runs), or
-            a reproduction. Runs of folders within, such as the tests of a league, are among those that are drawn.
+            a reproduction. Runs of folders within, such as the tests of a league, are among those that are drawn, but
+            not runs of studies that another version of the code made.
         runs: number of runs, drawn from all saved ones; if there are fewer, all. seed: of the draw.
         progress: called with the share of the runs that is done.
     Raises:
@@ -130,14 +131,16 @@ def verify(
 
 def _parts(folder: Path) -> dict[Path, _Part]:
     """Return a folder and those within it that hold runs, by path; unfinished temporary folders are left out."""
-    kinds = {"result": _of_result, "study": _of_study, "search": _of_search}
+    kinds = {"result": _of_result, "search": _of_search}
     places = sorted(path.parent for path in folder.rglob(MANIFEST))
-    return {
+    parts = {
         place: kinds[kind](place)
         for place in places
         if not any(name.startswith(".") for name in place.relative_to(folder).parts)
         and (kind := str(read_manifest(place)["kind"])) in kinds
     }
+    stores = sorted(path.parent for path in folder.rglob(f"{FOLDER}/{SCENARIOS}"))
+    return parts | {path.parent: _of_store(path.parent) for path in stores}
 
 
 def _of_result(folder: Path) -> _Part:
@@ -163,30 +166,32 @@ def _of_result(folder: Path) -> _Part:
     return _Part(result.runs["run"].to_list(), again, [result.versions])
 
 
-def _of_study(folder: Path) -> _Part:
-    result = StudyResult.open(folder)
-    numbers = {cell: result.runs_there(cell, result.runs_of(cell)) for cell in result.selected}
+def _of_store(folder: Path) -> _Part:
+    """Return the runs of a folder of studies, which are drawn by key and number."""
+    stores = [Store(folder, seed, motion) for seed, motion in Store.worlds(folder)]
+    saved = [
+        (store, key, run)
+        for store in stores
+        for key, ranges in sorted(store.ranges.items())
+        for run in sorted({run for first, last in ranges for run in range(first, last)})
+    ]
 
-    def again(chosen: Sequence[tuple[int, int]]) -> Iterator[tuple[str, int, bool, str]]:
-        for number in dict.fromkeys(cell for cell, _ in chosen):  # one cell in memory at a time
-            cell, saved = result.cell(number), result.saved_tables(number)
-            for run in (run for of, run in chosen if of == number):
-                files = do_batch(batch_of(result.study, Group(0, (((cell,),),), False), run, run + 1)).files
-                again = {
-                    name: pl.read_parquet(content).sort(FURTHER.get(name, ROBOTS).key)
-                    for name, content in files.items()
-                }
-                # A table without any row was made before studies saved it.
-                pairs = {
-                    name: (_of_run(table, run), again.get(name))
-                    for name, table in saved.items()
-                    if table.height
-                }
-                yield cell.name, run, *_compared(pairs)
+    def again(chosen: Sequence[tuple[Store, str, int]]) -> Iterator[tuple[str, int, bool, str]]:
+        for store, key, run in chosen:
+            text = read_text(store.folder / SCENARIOS / f"{key}.toml", "a scenario")
+            scenario = Scenario.from_toml(text)
+            found = store.scan([key], run + 1)
+            assert found is not None  # it is among those that are saved
+            world = store.world
+            task = Task(((key, text),), run, run + 1, world["seed"], world["motion"], world["code"])
+            mine, theirs = found.filter(pl.col("run") == run).collect(), simulate_runs(task)
+            differing = [
+                name for name in mine.columns if not mine[name].equals(theirs[name], null_equal=True)
+            ]
+            yield scenario.strategy.name, run, not differing, ", ".join(differing)
 
-    saved = [(cell, run) for cell, stored in numbers.items() for run in stored]
-    damaged = [f"{folder / SHARDS}: {one}" for one in result.store.damaged]
-    return _Part(saved, again, result.store.made_by, damaged)
+    damaged = [str(path) for store in stores[:1] for path in store.damaged]
+    return _Part(saved, again, [versions for store in stores for versions in store.made_by], damaged)
 
 
 def _of_search(folder: Path) -> _Part:

@@ -9,38 +9,31 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.figures import Swarms, figures_of, interval
+from vibroswarm.analysis.figures import interval
 from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.core.child_python import processors
-from vibroswarm.inference.outcomes import ROBOTS, Columns, capped_time_s
-from vibroswarm.paper.columns import COLUMNS
+from vibroswarm.inference.outcomes import Columns, capped_time_s, numbers
 from vibroswarm.scenario.scenario import Scenario, differences, preset
-from vibroswarm.study.batch_table import WALK
-from vibroswarm.study.run import run
-from vibroswarm.study.runner import StudyProgress
-from vibroswarm.study.spec import Study
-from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.cells import Cell as StudyCell
+from vibroswarm.study.run import StudyProgress, run
+from vibroswarm.study.runs import OF_RUN, Runs
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 Figures = Mapping[str, NDArray[np.float64]]
 """Figures of each run of a cell, by name, (runs,) each."""
-
-READ: Final = (
-    "cell", *ROBOTS, "fill_ratio", "truth", "consensus", "consensus_time_s", "right", "wrong", "undecided", *WALK,
-)  # fmt: skip
-"""Columns of a study's rows that are summarised: of robots, then those that all robots of a run have in common."""
 
 
 @dataclass(frozen=True)
@@ -132,12 +125,12 @@ def run_cells(
 ) -> CellResults:
     """Run the cells whose results are missing in ``folder``, and return the results of all cells.
 
-    Cells with the same number of runs are one study, in a folder of its own below ``folder``.
+    Cells with the same number of runs are one study.
 
     Args:
         cells: cells to run; cells with equal keys are run once.
         runs, seed: number of runs of each cell (fewer if ``Cell.runs`` is smaller), and seed of the reproduction.
-        folder: folder of all studies. workers: number of threads; None: one for each processor.
+        folder: of all runs. workers: number of threads; None: one for each processor.
         progress: called with the share of the work that is done, 0 to 1.
     """
     groups: dict[int, dict[str, Cell]] = {}  # cells by key, by number of runs
@@ -148,14 +141,14 @@ def run_cells(
     before = 0.0  # sum of the weights of the studies that are done
     with ThreadPoolExecutor(1) as reader:  # cells of a study are summarised while the next study runs
         for (own_runs, group), weight in zip(groups.items(), weights, strict=True):
-            study = study_of(group, own_runs, seed)
+            own = [StudyCell(k, {}, cell.scenario, key) for k, (key, cell) in enumerate(group.items())]
 
             # The default values keep this study's ``before`` and ``weight``.
             def report_progress(now: StudyProgress, before: float = before, weight: float = weight) -> None:
                 progress((before + weight * now.share) / sum(weights))
 
-            result = run(study, folder / study.hash, workers=workers, progress=report_progress)
-            summaries.append(reader.submit(_summaries, result, list(group.values()), workers))
+            result = run(own, own_runs, seed, folder=folder, workers=workers, progress=report_progress)
+            summaries.append(reader.submit(_summaries, result, list(group.values())))
             if workers == 1:  # only one thread may compute at a time
                 wait(summaries)
             before += weight
@@ -170,48 +163,28 @@ def on_threads(function: Callable[[T], R], items: Iterable[T], workers: int | No
         return list(pool.map(function, items))
 
 
-def _summaries(result: StudyResult, cells: list[Cell], workers: int | None) -> dict[str, CellResult]:
+def _summaries(result: Runs, cells: list[Cell]) -> dict[str, CellResult]:
     """Summarise all cells of a study; return the results by the cells' keys.
 
     Args:
-        cells: the cells; the index is the cell's number in the study. workers: number of threads; None: one for each
-            processor.
+        cells: the cells; the index is the cell's number in the study.
     """
-    by_key: dict[str, CellResult] = {}
-    with ThreadPoolExecutor(workers or processors()) as pool:
-        for block, of_robots, of_runs in result.arrays(READ):
-            own = [cells[cell.number] for cell in block]
-            results = summarise(own, of_robots, of_runs, pool.map)
-            by_key |= {cell.key: cell_result for cell, cell_result in zip(own, results, strict=True)}
-    return by_key
+    result.check_complete()
+    results = {}
+    for block, rows in result.blocks(OF_RUN, "robot.decision_time_s", "robot.belief_in_truth"):
+        for one, own in zip(block, rows.partition_by("cell", maintain_order=True), strict=True):
+            results[cells[one.number].key] = _summary(own, one.scenario.run.t_end_s)
+    return results
 
 
-def summarise(
-    cells: Sequence[Cell],
-    of_robots: Columns,
-    of_runs: Columns,
-    map_: Callable[..., Iterable[CellResult]] = map,
-) -> list[CellResult]:
-    """Summarise cells whose swarms have the same size; return the results in the order of ``cells``.
-
-    Args:
-        cells: the cells. of_robots, of_runs: the columns ``READ`` of their robots, (cells, runs, robots) each, and of
-            their runs, (cells, runs) each.
-        map_: function that maps over the cells, such as the ``map`` of a pool of threads.
-    """
-    t_end_s = np.array([cell.scenario.run.t_end_s for cell in cells])
-    swarms = Swarms.of_arrays(of_robots, of_runs, t_end_s)
-    figures = {name: values.reshape(of_runs["truth"].shape) for name, values in figures_of(swarms).items()}
-    figures |= {name: of_runs[name] for name in ("truth", *WALK)}
-
-    def cell_result(k: int) -> CellResult:
-        """Return the result of the k-th cell."""
-        own_columns = {name: column[k] for name, column in of_robots.items()}
-        # Copies, because the result keeps them: views would keep the arrays of all these cells in memory.
-        own_figures = {name: column[k].copy() for name, column in figures.items()}
-        return CellResult(row_of(own_columns, own_figures, float(t_end_s[k])), own_figures)
-
-    return list(map_(cell_result, range(len(cells))))
+def _summary(rows: pl.DataFrame, t_end_s: float) -> CellResult:
+    """Summarise a cell from its runs."""
+    robots = {
+        name: numbers(rows[f"robot.{name}"].explode()).reshape(rows.height, -1)
+        for name in ("decision_time_s", "belief_in_truth")
+    }
+    figures = {column.name: numbers(column) for column in rows if column.dtype.is_numeric()}
+    return CellResult(row_of(robots, figures, t_end_s), figures)
 
 
 def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
@@ -225,7 +198,7 @@ def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
         robots: columns of the table of robots, (runs, robots) each. figures: figures of each run, (runs,) each.
         t_end_s: end of a run, which is the decision time of an undecided robot.
     """
-    runs = robots["decision"].shape[0]
+    runs = robots["decision_time_s"].shape[0]
     row: dict[str, Any] = {"runs": runs}
     for name in ("decision_time_s", "belief_in_truth"):
         row |= columns_of(name, interval(name, figures, t_end_s=t_end_s))
@@ -251,14 +224,3 @@ def _weight(cells: Mapping[str, Cell], runs: int) -> float:
         cells: the cells of the group. runs: number of runs of these cells.
     """
     return runs * (3 + len(cells) / 30)
-
-
-def study_of(group: Mapping[str, Cell], runs: int, seed: int) -> Study:
-    """Return the study with these cells, in order, labelled with their keys.
-
-    Args:
-        group: the cells by key. runs: number of runs of these cells. seed: seed of the reproduction.
-    """
-    scenarios = {key: cell.scenario for key, cell in group.items()}
-    study = Study.of_scenarios(scenarios, runs, seed, base=preset(COLUMNS[0]), name="The paper's cells")
-    return replace(study, command="reproduce")

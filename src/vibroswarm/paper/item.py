@@ -39,7 +39,7 @@ from vibroswarm.plots import Picture as Drawn
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Figure
 from vibroswarm.simulation import versions
-from vibroswarm.study.batch_table import WALK
+from vibroswarm.study.batch import WALK
 
 Tables = dict[str, pl.DataFrame]
 """Tables of an item, by name."""

@@ -1,285 +1,295 @@
-"""Simulate batches, and check the tables that come back. A batch is a range of runs of a group of cells.
+"""Simulate some runs of cells that share their motion, which is simulated once.
 
-The cells of a group share their motion (see ``plan``). A batch simulates the motion once, takes the readings once for
-each floor and sensor, and replays each strategy on these readings.
+Readings are taken once for each floor, sensor and end of the runs, and each strategy is replayed on them. The result is
+one frame with a row for each scenario and run: the run's outcome, how its robots sampled, its figures
+(``analysis.figures``), and columns ``robot.*`` with a list of one value for each robot.
 
-A worker may be a thread, a process, or on another machine: it gets text and numbers (``Batch``) and returns Parquet
-files as bytes (``BatchResult``). The study stores the files of a batch as a shard. The main table has one row for each
-cell, run and robot; columns of the run are repeated for each robot.
+If cells differ only in ``run.t_end_s``, the longest motion is simulated, and the others use its beginning. If runs end
+when all robots have decided, or a strategy steers, the motion depends on decisions, and only equal scenarios share it.
+
+A run fails if its source of motion gives it up; MuJoCo does so when a number is no longer finite. Its robots stand from
+then on, and count as undecided; the columns ``failed_s`` and ``failed`` say since when, and why.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import chain
-from pathlib import Path
-from typing import Any, Final
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.answers_over_time import (
-    NO_AGREEMENTS,
-    agreements_of,
-    answers_table,
-    is_followed,
-    may_change,
-)
-from vibroswarm.analysis.map_figures import keeps_map, map_figures
+from vibroswarm.analysis.answers_over_time import JUDGED, agreements_of, answers_table, may_change
+from vibroswarm.analysis.figures import FOLLOWED, Swarms, figures_of
+from vibroswarm.analysis.map_figures import MAPPED, keeps_map, map_figures
+from vibroswarm.analysis.sampling import WALK as OF_WALK
 from vibroswarm.analysis.sampling import Walk
-from vibroswarm.core.tables import Schema, check_table, parquet_bytes, read_frame
-from vibroswarm.errors import InputError
+from vibroswarm.errors import CodeError, RunError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import arrays_fit, final_columns, strategy_used
 from vibroswarm.inference.deliveries import needs_moves, timeline_of
-from vibroswarm.inference.outcomes import fills_and_truth, robot_columns, run_columns
-from vibroswarm.inference.replay import INFERENCE, infer, replay_followed, replay_to_end
-from vibroswarm.inference.replay_arrays import Log
-from vibroswarm.inference.reports import reported_at_end
-from vibroswarm.motion.motion_tables import ENDS, MOTION, Motion
-from vibroswarm.motion.source import moved
-from vibroswarm.observation.observe import (
-    OBSERVATIONS,
-    Readings,
-    energies_read,
-    observation_frame,
-    read_samples,
-    reads_energies,
+from vibroswarm.inference.outcomes import (
+    ROBOTS,
+    RUNS,
+    Array,
+    Columns,
+    as_series,
+    costs_of,
+    fills_and_truth,
+    robot_columns,
+    run_columns,
 )
-from vibroswarm.result import TABLES
+from vibroswarm.inference.replay import replay_followed, replay_to_end
+from vibroswarm.inference.reports import REPORTED, reported_at_end
+from vibroswarm.motion.motion_tables import ENDS, Motion
+from vibroswarm.motion.source import moved
+from vibroswarm.observation.observe import energies_read, read_samples, reads_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import check_scenario, floors_of, motion_by_decisions, versions
-from vibroswarm.study.batch_table import (
-    AGREED_TABLE,
-    FAILED_TABLE,
-    MAPS_TABLE,
-    OF_SOME,
-    REPORTED_TABLE,
-    ROWS,
-    WALK,
-    BatchRows,
-    Columns,
-    agreed_rows,
-    failed_rows,
-    of_cells,
-    walked,
+from vibroswarm.simulation import (
+    OF_MOTION,
+    OF_OBSERVATION,
+    check_scenario,
+    floors_of,
+    motion_by_decisions,
+    steers,
+    versions,
 )
-from vibroswarm.study.plan import Group, Texts, samples_of_run, scenario_of
-from vibroswarm.study.registered_code import registered_code
-from vibroswarm.study.spec import Study
-from vibroswarm.study.work import Work
 
-SAMPLES: Final[dict[str, Any]] = {
-    "cell": pl.UInt32,
-    **MOTION,
-    **{k: v for k, v in OBSERVATIONS.items() if k not in MOTION},
-    **{k: v for k, v in INFERENCE.items() if k not in MOTION},
-}
-"""Columns of the table of samples, saved on request: one row per cell and sample."""
+WALK: Final = {name: kind for name, kind in OF_WALK.items() if name not in ("run", "samples")}
+"""Columns of the run about how its robots sampled, see ``analysis.sampling``."""
+OF_ROBOTS: Final = {name: kind for name, kind in ROBOTS.items() if name not in ("run", "robot")}
+"""Columns with a value for each robot."""
+REPORT: Final = pl.List(pl.Struct({name: kind for name, kind in REPORTED.items() if name != "run"}))
+"""Type of the column of what robots reported at the end of a run."""
 
 
-SAMPLES_TABLE: Final = "samples"
-"""Name of that table in a shard."""
+class Task(NamedTuple):
+    """Successive runs of scenarios with the same motion, in plain values, to be sent to a worker."""
+
+    scenarios: tuple[tuple[str, str], ...]
+    """Key (``store.key_of``) and TOML of each."""
+    first: int
+    last: int
+    """One past the last run."""
+    seed: int
+    motion: str
+    made_by: str
+    """Version of the code that the worker must have."""
+    code: tuple[tuple[str, str], ...] = ()
+    """Users' files that the scenarios need."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys of its scenarios."""
+        return tuple(key for key, _ in self.scenarios)
 
 
-class Cancelled(Exception):  # noqa: N818  (nothing went wrong)
-    """The study was stopped while a batch was running."""
+@lru_cache(4096)
+def scenario_of(text: str) -> Scenario:
+    """Return the scenario that a TOML text describes."""
+    return Scenario.from_toml(text)
 
 
-BatchOutcomes = tuple[Sequence[Sequence[int]], Columns, Columns, Mapping[str, list[pl.DataFrame]]]
-"""Outcomes of some runs of some cells. Rows stand for scenarios.
-
-- for each row, the numbers of the cells with its scenario: one cell, or several with equal scenarios
-- columns of the robots, (rows, runs, robots) each
-- columns of the runs, (rows, runs) each, or (runs,) if all rows share the values
-- the tables of ``FURTHER`` that cells have, by name, a frame for each cell that has some
-"""
+def motion_key(scenario: Scenario) -> str:
+    """Return a key that is equal for scenarios with the same motion, until the shorter one ends."""
+    if scenario.run.stop == "all_decided" or steers(scenario):
+        return scenario.hash
+    others = _key(scenario, [section for section in OF_MOTION if section != "run"])
+    return f"{others}\n{scenario.run.model_dump_json(exclude={'t_end_s'})}"
 
 
-def simulate_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Iterator[BatchOutcomes]:
-    """Simulate the runs of a batch, and yield outcomes for each floor, sensor and end of the runs.
+def _key(scenario: Scenario, sections: Iterable[str]) -> str:
+    return "\n".join(getattr(scenario, section).model_dump_json() for section in sections)
 
-    Args:
-        cancelled: returns whether the study was stopped.
+
+SAMPLES: Final = 100_000
+"""Most samples of the runs of a block, and most rows of robots, which limits memory."""
+STANDING_MS: Final = 1000.0
+"""Typical time that a robot stands for a sample, ms; added to the sample interval, which alone may be 0."""
+LEAST: Final = 10
+"""Runs of a block of a short study, so that many workers are busy."""
+MOST: Final = 1000
+"""Most runs of a block."""
+
+
+def samples_of_run(scenario: Scenario) -> float:
+    """Return about how many samples all robots of a run take, at least 1."""
+    sample_ms = scenario.sample.sample_interval_ms + STANDING_MS
+    return max(scenario.swarm.robots * scenario.run.t_end_s * 1000.0 / sample_ms, 1.0)
+
+
+def block_size(scenarios: Sequence[Scenario], motion: str, runs: int) -> int:
+    """Return how many of ``runs`` runs of scenarios that share motion a worker simulates at once."""
+    if motion == "mujoco":  # far slower than the other sources: minutes a run
+        return 1
+    fits = min(
+        SAMPLES / max(map(samples_of_run, scenarios)),
+        SAMPLES / (len(scenarios) * scenarios[0].swarm.robots),
+        max(runs / 32, LEAST),
+        MOST,
+        *map(arrays_fit, scenarios),
+    )
+    return max(int(fits), 1)
+
+
+def simulate_runs(task: Task) -> pl.DataFrame:
+    """Simulate the runs of a task; the frame has a row for each scenario and run.
+
     Raises:
-        Cancelled: the study was stopped; checked between two steps.
+        CodeError: user code failed. RunError: this worker has another version of the code.
     """
-    entries = [[(scenario_of(text), cells) for text, cells in entry] for entry in work.observed]
-    for scenario, _ in chain(*entries):
+    if (here := versions()["code"]) != task.made_by:
+        raise RunError(
+            f"a worker has other code ({here}, not {task.made_by}); install the same version there"
+        )
+    plugins.install_all(task.code)
+    try:
+        return pl.concat(_simulated({key: scenario_of(text) for key, text in task.scenarios}, task))
+    except CodeError as error:
+        runs = f"run {task.first}" + (f" to {task.last - 1}" if task.last - task.first > 1 else "")
+        raise CodeError(f"{error} ({runs}, seed {task.seed})") from None
+
+
+def _simulated(scenarios: Mapping[str, Scenario], task: Task) -> Iterator[pl.DataFrame]:
+    """Yield the rows of the scenarios, by key, that share floor, sensor and end, the longest runs first."""
+    runs = range(task.first, task.last)
+    by_readings: dict[str, dict[str, Scenario]] = {}
+    for key, scenario in sorted(scenarios.items(), key=lambda item: -item[1].run.t_end_s):
         check_scenario(scenario)
-    _check(cancelled)
-    first = entries[0][0][0]
-    moves = any(needs_moves(scenario) for scenario, _ in chain(*entries))
-    if by_decisions := motion_by_decisions(
-        first
-    ):  # such a group has a single scenario (see ``plan.plan_of``)
-        floors = floors_of(first, work.seed, work.numbers)
-        full = by_decisions(first, work.seed, work.numbers, floors, work.motion, moves)
+        by_readings.setdefault(_key(scenario, OF_OBSERVATION), {})[key] = scenario
+    first = next(iter(next(iter(by_readings.values())).values()))
+    moves = any(map(needs_moves, scenarios.values()))
+    if by_decisions := motion_by_decisions(first):
+        floors = floors_of(first, task.seed, runs)
+        motion = by_decisions(first, task.seed, runs, floors, task.motion, moves)
     else:
-        full = moved(work.motion, first, work.seed, work.numbers, moves)
-    motion, end_s = _SharedMotion(first, full, work, cancelled), first.run.t_end_s
-    for entry in entries:
-        scenarios = [scenario for scenario, _ in entry]
-        scenario = scenarios[0]  # all scenarios of an entry have the same floor, sensor and end
-        if scenario.run.t_end_s != end_s:  # shorter runs: they use the beginning of the longest motion
-            motion = _SharedMotion(scenario, beginning(full, scenario), work, cancelled)
-            end_s = scenario.run.t_end_s
-        _check(cancelled)
-        yield motion.outcomes(scenarios, [cells for _, cells in entry])
-
-
-def _check(cancelled: Callable[[], bool]) -> None:
-    if cancelled():
-        raise Cancelled
+        motion = moved(task.motion, first, task.seed, runs, moves)
+    end_s, shared = first.run.t_end_s, _SharedMotion(first, motion, task.seed, runs)
+    for group in by_readings.values():
+        one = next(iter(group.values()))
+        if one.run.t_end_s != end_s:
+            end_s, shared = one.run.t_end_s, _SharedMotion(one, beginning(motion, one), task.seed, runs)
+        yield shared.rows(group)
 
 
 class _SharedMotion:
     """The motion of some runs, and what is computed once for all floors, sensors and strategies.
 
     Args:
-        scenario: one of the scenarios that have this motion. motion: of the runs of ``work``.
+        scenario: one of those that have this motion.
     """
 
-    def __init__(
-        self, scenario: Scenario, motion: Motion, work: Batch, cancelled: Callable[[], bool]
-    ) -> None:
-        self.motion, self.work, self.cancelled = motion, work, cancelled
-        self.timeline = timeline_of(scenario, motion)
-        self.walk = Walk(motion.samples)
-        # Time at which each run ends, (runs,): a run ends with its last robot. ``ends`` has one row per run and robot,
-        # sorted by both.
-        self.end_s = motion.ends["end_s"].to_numpy().reshape(-1, self.timeline.robots).max(axis=1)
-        self._floors: dict[Any, dict[int, Floor]] = {}
+    def __init__(self, scenario: Scenario, motion: Motion, seed: int, runs: range) -> None:
+        self.motion, self.seed, self.runs = motion, seed, runs
+        self.timeline, self.walk = timeline_of(scenario, motion), Walk(motion.samples)
+        self.shape = (len(runs), self.timeline.robots)
+        self.end_s = motion.ends["end_s"].to_numpy().reshape(self.shape).max(axis=1)
 
-    def outcomes(self, scenarios: Sequence[Scenario], cells: Sequence[Sequence[int]]) -> BatchOutcomes:
-        """Compute the outcomes of scenarios that have this motion and share floor, sensor and end of the runs.
-
-        Args:
-            cells: for each scenario, the numbers of its cells.
-        """
-        common, runs, seed = scenarios[0], self.work.numbers, self.work.seed
-        floors = self._floors_of(common)
-        # Values (besides classes) are computed only if the table of samples shows them or a strategy reads them.
-        with_samples = SAMPLES_TABLE in self.work.keep
-        with_energies = with_samples or any(map(reads_energies, scenarios))
-        readings = read_samples(common, seed, self.motion.samples, floors, with_energies)
+    def rows(self, group: Mapping[str, Scenario]) -> pl.DataFrame:
+        """Return the rows of scenarios, by key, that have the same readings."""
+        scenarios, runs = list(group.values()), self.runs
+        common, t_end_s = scenarios[0], scenarios[0].run.t_end_s
+        floors = floors_of(common, self.seed, runs)
+        with_energies = any(map(reads_energies, scenarios))
+        readings = read_samples(common, self.seed, self.motion.samples, floors, with_energies)
         energy = energies_read(common, readings) if with_energies else None
-        finals_by_scenario = []  # for each scenario, the columns of its robots at the end, (runs * robots,) each
-        further = defaultdict[str, list[pl.DataFrame]](list)
-        fills, truth = _asked_of(scenarios, floors, list(runs), self.end_s)
-        for scenario, equal_cells, asked in zip(scenarios, cells, fills, strict=True):
-            _check(self.cancelled)
-            replayed = (scenario, seed, self.timeline, readings.observation, energy)
-            answers = None
+        known: dict[tuple[str, float], tuple[Array, Array]] = {}  # fill ratios and truths by question
+        finals, followed, reported, judged = [], [], [], []
+        for scenario in scenarios:
+            asked = (scenario.task.model_dump_json(), scenario.decision.decision_boundary)
+            if asked not in known:
+                known[asked] = fills_and_truth(scenario, floors, list(runs), self.end_s)
+            judged.append(known[asked])
+            replayed = (scenario, self.seed, self.timeline, readings.observation, energy)
+            frames: list[pl.DataFrame] = []
             if scenario.change.is_given or keeps_map(scenario):
                 swarm, log = replay_followed(*replayed)
-                if scenario.change.is_given:
-                    answers = self._answers(scenario, floors, log)
-                if keeps_map(scenario):
-                    beliefs = self.motion.samples.select("run", "robot", "time_s", belief_below=log.belief)
-                    found = map_figures(scenario, swarm, floors, self.end_s, beliefs)
-                    further[MAPS_TABLE] += of_cells(found, equal_cells)
+                frames += self._over_time(scenario, floors, swarm, log)
             else:
                 swarm = replay_to_end(*replayed)
-            finals_by_scenario.append(final_columns(scenario, swarm))
-            if strategy_used(scenario).reports:
-                reported = reported_at_end(scenario, swarm, runs, asked)
-                further[REPORTED_TABLE] += of_cells(reported, equal_cells)
-            if is_followed(scenario):
-                agreed = agreements_of(swarm, runs) if may_change(scenario) else NO_AGREEMENTS
-                further[AGREED_TABLE] += agreed_rows(agreed, answers, equal_cells)
-        # The same columns, (scenarios, runs, robots) each.
-        shape = (len(runs), self.timeline.robots)
-        finals = {
-            name: np.stack([columns[name].reshape(shape) for columns in finals_by_scenario])
-            for name in finals_by_scenario[0]
+            if may_change(scenario):
+                frames.append(agreements_of(swarm, runs))
+            finals.append(final_columns(scenario, swarm))
+            followed.append({name: self._by_run(frames, column) for name, column in FOLLOWED.items()})
+            reported += self._reported(scenario, swarm, judged[-1][0])
+        robots = {name: np.stack([one[name].reshape(self.shape) for one in finals]) for name in finals[0]}
+        fills, truth = (np.stack(values) for values in zip(*judged, strict=True))
+        of_runs = run_columns(
+            robots["decision"], robots["decision_time_s"], fills, truth, self.end_s, t_end_s
+        )
+        robots = robot_columns(robots, truth)
+        swarms = Swarms.of_arrays(robots, of_runs, t_end_s, [costs_of(one) for one in scenarios])
+        swarms.runs = {**swarms.runs} | {
+            name: np.concatenate([one[name] for one in followed]) for name in FOLLOWED
         }
+        figures = figures_of(swarms)
         tiles = floors[runs[0]].tiles.size  # the same in all runs
-        walk = self.walk.figures(readings.tile, readings.observation, tiles)
-        decisions, times_s = finals["decision"], finals["decision_time_s"]
-        of_runs = {
-            **run_columns(decisions, times_s, fills, truth, self.end_s, common.run.t_end_s),
-            **walked(walk, runs),
-        }
-        if with_samples:
-            further[SAMPLES_TABLE] = self._samples(scenarios, cells, readings)
-        further[FAILED_TABLE] = failed_rows(self.motion.failures, cells, common.run.t_end_s)
-        return cells, robot_columns(finals, truth), of_runs, further
+        walk = pl.DataFrame(dict(self.walk.figures(readings.tile, readings.observation, tiles)))
+        return self._frame(list(group), t_end_s, robots, of_runs, figures, walk, reported)
 
-    def _answers(self, scenario: Scenario, floors: dict[int, Floor], log: Log) -> pl.DataFrame:
-        """Return how right the answers were over time, from the state after each sample."""
-        samples = {name: self.motion.samples[name].to_numpy() for name in ("run", "robot", "time_s")}
-        samples["decision"] = log.decision
-        if "changed_s" in strategy_used(scenario).reported:
-            samples["changed_s"] = log.states["changed_s"]
-        return answers_table(scenario, self.work.seed, floors, samples, self.end_s)
+    def _over_time(
+        self, scenario: Scenario, floors: Mapping[int, Floor], swarm: Any, log: Any
+    ) -> Iterator[pl.DataFrame]:
+        """Yield what is judged after each sample: answers on a floor that changes, and maps."""
+        samples = self.motion.samples.select("run", "robot", "time_s")
+        if scenario.change.is_given:
+            columns = {name: samples[name].to_numpy() for name in samples.columns}
+            columns["decision"] = log.decision
+            if "changed_s" in strategy_used(scenario).reported:
+                columns["changed_s"] = log.states["changed_s"]
+            yield answers_table(scenario, self.seed, floors, columns, self.end_s).select("run", *JUDGED)
+        if keeps_map(scenario):
+            beliefs = samples.with_columns(belief_below=log.belief)
+            yield map_figures(scenario, swarm, floors, self.end_s, beliefs).select("run", *MAPPED)
 
-    def _floors_of(self, scenario: Scenario) -> dict[int, Floor]:
-        """Return the floors by number of the run; cached by floor and changes, which several sensors may share."""
-        key = scenario.floor, scenario.change, scenario.run.t_end_s
-        if key not in self._floors:
-            self._floors[key] = floors_of(scenario, self.work.seed, self.work.numbers)
-        return self._floors[key]
+    def _reported(self, scenario: Scenario, swarm: Any, asked: Array) -> list[list[Any] | None]:
+        """Return what robots reported at the end of each run."""
+        if not strategy_used(scenario).reports:
+            return [None] * len(self.runs)
+        rows = reported_at_end(scenario, swarm, self.runs, asked)
+        by_run = rows.partition_by("run", as_dict=True, include_key=False)
+        return [by_run[run,].to_dicts() if (run,) in by_run else None for run in self.runs]
 
-    def _samples(
-        self, scenarios: Sequence[Scenario], cells: Sequence[Sequence[int]], readings: Readings
-    ) -> list[pl.DataFrame]:
-        """Return the table ``SAMPLES`` of each cell, scenario by scenario.
+    def _frame(
+        self, keys: Sequence[str], t_end_s: float, robots: Columns, runs: Columns, figures: Columns,
+        walk: pl.DataFrame, reported: list[Any],
+    ) -> pl.DataFrame:  # fmt: skip
+        cells, (count, size) = len(keys), self.shape
+        of_runs = {"run": np.arange(self.runs.start, self.runs.stop), **runs}
+        columns = [pl.Series("key", np.repeat(keys, count))]
+        columns += [
+            as_series(name, np.broadcast_to(of_runs[name], (cells, count)).ravel(), kind)
+            for name, kind in RUNS.items()
+            if name not in figures
+        ]
+        columns += [
+            pl.Series(name, np.tile(self._by_run([walk], name), cells), nan_to_null=True) for name in WALK
+        ]
+        columns += [pl.Series(name, values, nan_to_null=True) for name, values in figures.items()]
+        columns += [
+            as_series(f"robot.{name}", robots[name].ravel(), kind)
+            .reshape((cells * count, size))
+            .cast(pl.List(kind))
+            for name, kind in OF_ROBOTS.items()
+        ]
+        frame = pl.DataFrame([*columns, pl.Series("reported", reported, dtype=REPORT)])
+        failures = self.motion.failures
+        if failures is None:
+            return frame.with_columns(failed_s=pl.lit(None, pl.Float64), failed=pl.lit(None, pl.String))
+        failed = failures.filter(pl.col("time_s") < t_end_s).select("run", failed_s="time_s", failed="reason")
+        return frame.join(failed, on="run", how="left", maintain_order="left")
 
-        Each scenario is replayed once more for it, since ``replay_to_end`` records nothing of the single samples.
-
-        Args:
-            cells: for each scenario, the numbers of its cells. readings: shared by all the scenarios.
-        """
-        motion = self.motion.samples
-        observations = observation_frame(scenarios[0], motion, readings, energies=True)
-        tables = []
-        for scenario, equal_cells in zip(scenarios, cells, strict=True):
-            inference, _ = infer(scenario, self.work.seed, self.timeline, observations)
-            tables += samples_of(motion, observations, inference, equal_cells)
-        return tables
-
-
-def _asked_of(
-    scenarios: Sequence[Scenario], floors: dict[int, Floor], runs: list[int], end_s: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the number that is asked for and the right decision for each scenario and run, (scenarios, runs) each.
-
-    The number is the fill ratio unless a task asks for another; the decision is nan where none is right. Scenarios with
-    the same task, boundary and number of kinds have the same, which are computed once.
-
-    Args:
-        floors: by number of the run. end_s: end of each run, (runs,).
-    """
-    # By what determines both.
-    found: dict[Any, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-    keys = [
-        (one.task.model_dump_json(), one.decision.decision_boundary, one.sensor.kinds) for one in scenarios
-    ]
-    for scenario, key in zip(scenarios, keys, strict=True):
-        if key not in found:
-            found[key] = fills_and_truth(scenario, floors, runs, end_s)
-    return np.stack([found[key][0] for key in keys]), np.stack([found[key][1] for key in keys])
-
-
-def samples_of(
-    motion: pl.DataFrame, observations: pl.DataFrame, inference: pl.DataFrame, cells: Sequence[int]
-) -> list[pl.DataFrame]:
-    """Build the table ``SAMPLES`` for each of several cells with equal scenarios: they differ in column ``cell`` only.
-
-    Args:
-        motion, observations, inference: tables of the same samples in the same order. cells: numbers of the cells.
-    """
-    others = (
-        table.select(name for name in own if name not in MOTION)
-        for table, own in ((observations, OBSERVATIONS), (inference, INFERENCE))
-    )
-    rows = pl.concat([motion, *others], how="horizontal")
-    return of_cells(rows.select(name for name in SAMPLES if name != "cell"), cells)
+    def _by_run(self, frames: Iterable[pl.DataFrame], name: str) -> NDArray[np.float64]:
+        """Return a column by run from the frame that has it; nan for runs without a value."""
+        values = np.full(len(self.runs), np.nan)
+        for frame in frames:
+            if name in frame.columns:
+                place = frame["run"].to_numpy().astype(np.int64) - self.runs.start
+                values[place] = frame[name].cast(pl.Float64).to_numpy()
+        return values
 
 
 def beginning(motion: Motion, scenario: Scenario) -> Motion:
@@ -331,162 +341,3 @@ def _end_rows_of(ends: pl.DataFrame, samples: pl.DataFrame, robots: int) -> NDAr
     runs = ends["run"].to_numpy()[::robots]  # the table has a row for each run and robot, in this order
     run = np.searchsorted(runs, samples["run"].to_numpy())  # position of each sample's run in ``runs``
     return np.asarray(run * robots + samples["robot"].to_numpy(), dtype=np.int64)
-
-
-ROWS_AT_A_TIME: Final = 250_000
-"""Approximate number of samples that a worker has in memory at a time. Most first blocks have fewer: a part of a block
-costs about 0.3 ms per cell besides its runs."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Batch(Work):
-    """A batch in plain values, to be sent to a worker."""
-
-    study: str
-    """Hash of the study."""
-    group: int
-    """Number of the group."""
-    observed: Texts
-    """Scenarios as TOML and the cells that they stand for."""
-    keep: tuple[str, ...]
-    """The further tables that the study saves (``samples``)."""
-
-    @property
-    def name(self) -> str:
-        """The name of the batch, as ``--batch`` takes it: ``GROUP:FIRST-LAST``, the last run not included."""
-        return f"{self.group}:{self.first}-{self.last}"
-
-
-@dataclass(frozen=True)
-class BatchResult:
-    """A finished batch: Parquet files by the name of their table, and the versions that made them."""
-
-    work: Batch
-    files: dict[str, bytes]
-    """Each table as a Parquet file, by the table's name."""
-    rows: int
-    """Number of rows of the table ``robots``."""
-    versions: dict[str, str]
-    """``simulation.versions`` of the worker, and its ``registered_code``."""
-
-
-def batch_of(study: Study, group: Group, first: int, last: int) -> Batch:
-    """Make the batch of the runs ``first`` to ``last`` - 1 of a group."""
-    return Batch(
-        study=study.hash,
-        group=group.number,
-        observed=group.texts,
-        first=first,
-        last=last,
-        seed=study.seed,
-        motion=study.motion,
-        keep=study.keep,
-        code=plugins.texts_of(study.codes),
-    )
-
-
-def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> BatchResult:
-    """Run a batch, a few of its runs at a time so that memory use stays bounded.
-
-    Args:
-        cancelled: called between two steps; if it returns true, the batch is given up.
-    Returns: the tables as Parquet files: ``robots``, ``samples`` if the study saves them, ``failures`` if runs failed,
-        ``agreements`` if opinions of a cell may change after its swarms have decided, ``maps`` if robots keep maps,
-        ``reported`` if they report values.
-    Raises:
-        Cancelled: ``cancelled`` returned true.
-    """
-    plugins.install_all(work.code)
-    # Pairs of a scenario's TOML and the numbers of the cells with this scenario.
-    pairs = [*chain(*work.observed)]
-    first = scenario_of(pairs[0][0])  # has the longest runs
-    runs_at_a_time = min(
-        max(int(ROWS_AT_A_TIME / samples_of_run(first)), 1),
-        *(arrays_fit(scenario_of(text)) for text, _ in pairs),
-    )
-    cells = [cell for _, equal_cells in pairs for cell in equal_cells]
-    rows = BatchRows(cells, work.numbers, first.swarm.robots)
-    further = defaultdict[str, list[pl.DataFrame]](list)
-    for low in range(work.first, work.last, runs_at_a_time):
-        part = replace(work, first=low, last=min(low + runs_at_a_time, work.last))
-        for cells_of_rows, robots, runs, more in simulate_batch(part, cancelled):
-            rows.put(cells_of_rows, low, robots, runs)
-            for name, frames in more.items():
-                further[name] += frames
-    tables = {"robots": rows.table()}
-    for name, schema in FURTHER.items():
-        if name in work.keep or any(frame.height for frame in further[name]):
-            order = ("cell", "run", "time_s", "robot") if name == SAMPLES_TABLE else schema.key
-            tables[name] = pl.concat(further[name]).sort(order, maintain_order=True)
-    metadata = {"vibroswarm_study": work.study}
-    files = {name: parquet_bytes(table, metadata) for name, table in tables.items()}
-    made_by = versions() | registered_code((scenario_of(text) for text, _ in pairs), work.motion)
-    return BatchResult(work=work, files=files, rows=tables["robots"].height, versions=made_by)
-
-
-NEVER_NULL: Final = frozenset({"decision", "messages_received", "consensus", "right", "wrong", "undecided"})
-"""Nullable columns of a result that a simulation always fills; the others may be null in a shard as well."""
-_NULLABLE: Final = (TABLES["robots"].nullable | TABLES["runs"].nullable | frozenset(WALK)) - NEVER_NULL
-"""Columns of the table ``robots`` that may be null."""
-ROBOTS: Final = Schema(ROWS, _NULLABLE, ("cell", "run", "robot"))
-"""Schema of the table ``robots`` of a shard."""
-FURTHER: Final = {
-    SAMPLES_TABLE: Schema(
-        SAMPLES,
-        frozenset({"energy", "message", "alpha", "beta", "belief_below"}),
-        ("cell", "run", "robot", "sample"),
-    ),
-    **OF_SOME,
-}
-"""Schemas of the tables of a shard besides ``robots``: samples on request, the others if cells have rows of them."""
-
-
-def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: range, rows: int) -> None:
-    """Check that the files of a shard are the tables of a batch: names, number of rows, columns, cells, runs, robots.
-
-    Args:
-        files: path of each table by its name. group, runs: those of the batch.
-        rows: number of rows of the table ``robots`` that the shard's description gives.
-    Raises:
-        InputError: a table is missing or unexpected, ``rows`` is wrong, or a table is wrong; only in the last case the
-            error names the file.
-    """
-    required = {"robots", *study.keep}  # ``keep`` names the further tables that the study saves
-    # The others exist only if a run failed, if opinions may change, or if robots have maps or reports.
-    if set(files) - set(OF_SOME) != required:
-        raise InputError(
-            f"has the tables {', '.join(sorted(files)) or 'none'}, not {', '.join(sorted(required))}"
-        )
-    cells, robots = [cell.number for cell in group.cells], group.first.swarm.robots
-    expected = len(cells) * len(runs) * robots
-    if rows != expected:
-        raise InputError(
-            f"describes {rows} rows; {len(cells)} cells, {len(runs)} runs and {robots} robots make {expected}"
-        )
-    for table, path in files.items():
-        schema = ROBOTS if table == "robots" else FURTHER[table]
-        frame = check_table(read_frame(path, table), schema, path.name, table)
-        if table == "robots" and frame.height != expected:
-            raise InputError(f"has {frame.height} rows, not {expected}", field=path.name)
-        for column, allowed in (("cell", set(cells)), ("run", set(runs)), ("robot", set(range(robots)))):
-            # The tables of failures and of agreements have no column ``robot``.
-            named = frame[column].unique().to_list() if column in frame.columns else []
-            foreign = set(named) - allowed
-            if foreign:
-                raise InputError(
-                    f"column '{column}' names {min(foreign)}, which is not of this batch", field=path.name
-                )
-        if table == "robots":
-            _check_outcomes(frame, robots, path.name)
-
-
-def _check_outcomes(frame: pl.DataFrame, robots: int, name: str) -> None:
-    """Check that just the robots that decided have a decision time, and that no count exceeds ``robots``."""
-    if ((frame["decision"] >= 0) != frame["decision_time_s"].is_not_null()).any():
-        raise InputError(
-            "column 'decision_time_s' must be given for robots that decided, and for no others", field=name
-        )
-    for column in ("right", "wrong", "undecided"):
-        most: Any = frame[column].max()
-        if most > robots:
-            raise InputError(f"column '{column}' counts more than {robots} robots", field=name)

@@ -1,128 +1,263 @@
-"""Run a study and return its result; merge the folders of its parts."""
+"""The one loop over runs: blocks that are missing are submitted to an executor, and saved as they finish.
+
+Any executor of ``concurrent.futures`` will do. Threads are the default, since kernels release the GIL; no result
+depends on the executor. Blocks are taken in random order, and skipped if another process has written them: the same
+command on several machines with one folder shares the work.
+"""
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Sequence
-from concurrent.futures import Executor
+import multiprocessing
+import os
+import random
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, Final, NamedTuple, TypeVar
 
-from vibroswarm.core.atomic_io import whole_file
-from vibroswarm.core.folders import has_manifest
-from vibroswarm.errors import InputError, RunError, check_kind
-from vibroswarm.study.plan import plan_of
-from vibroswarm.study.runner import Job, Progress, run_study
-from vibroswarm.study.spec import Study
-from vibroswarm.study.store import SHARDS, Store, resume_command
-from vibroswarm.study.study_result import StudyResult, _TemporaryFolder
+import polars as pl
+
+from vibroswarm.core.atomic_io import make_folder
+from vibroswarm.core.child_python import processors, safe_start
+from vibroswarm.core.jit import is_cached
+from vibroswarm.core.user_code import interrupt_in
+from vibroswarm.errors import InputError, RunError, whole_number_of
+from vibroswarm.result import write_code
+from vibroswarm.scenario import plugins
+from vibroswarm.simulation import check_seed, versions
+from vibroswarm.study.batch import Task, block_size, simulate_runs
+from vibroswarm.study.cells import Cell
+from vibroswarm.study.precision import Precision
+from vibroswarm.study.runs import Runs, groups_of
+from vibroswarm.study.store import Store, key_of
+
+MOST_RUNS: Final = 100_000_000
+"""Most runs of a cell."""
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class StudyProgress(NamedTuple):
+    """Progress of one call: runs of motion done, and wanted."""
+
+    done: int
+    wanted: int
+
+    @property
+    def share(self) -> float:
+        """Share of the wanted runs that is done; 0 if none is wanted."""
+        return self.done / max(self.wanted, 1)
+
+
+Progress = Callable[[StudyProgress], None]
 
 
 def run(
-    study: Study,
-    folder: str | Path | None = None,
+    cells: Sequence[Cell],
+    runs: int = 100,
+    seed: int = 1,
     *,
+    motion: str = "event",
+    until: Precision | None = None,
+    name: str = "",
+    folder: Path | None = None,
     executor: str | Executor = "threads",
     workers: int | None = None,
-    job: Job | None = None,
-    mixed: bool = False,
-    progress: Progress | None = None,
-    allow_failures: bool = False,
-) -> StudyResult:
-    """Run a study, or continue it, and return its result.
+    shard: tuple[int, int] = (1, 1),
+    progress: Progress = lambda now: None,
+) -> Runs:
+    """Simulate the runs of cells that a folder does not hold yet.
 
     Args:
-        folder: where the study is saved; None: a temporary folder, which is removed with the result.
-        executor, workers, job, mixed, progress, allow_failures: see ``runner.run_study``.
+        runs: of each cell; with ``until``, runs are added until a figure is precise enough.
+        name: a title. folder: where blocks are saved; None: they are removed with the result. They are also if the
+            source text of code that a program registered is not known, by which its runs could be known again.
+        executor, workers: see ``pool_for``. shard: only part K of N of the blocks, (K, N).
+        progress: called as blocks finish.
     Raises:
-        InputError, RunError: see ``runner.run_study``.
+        InputError: a value is wrong. CodeError: user code failed. RunError: the workers are gone, or the disk is full.
+            Finished blocks are saved.
     """
-    folder = None if folder is None else Path(folder)
-    if job is not None:
-        check_kind(job, Job, "job", "a Job")
-    temporary = _TemporaryFolder() if folder is None else None
-    # ``folder`` is None only if there is a temporary folder; ``or ""`` is for type checkers.
-    target = temporary.folder / "study" if temporary is not None else Path(folder or "")
-    store = run_study(
-        study,
-        target,
-        executor=executor,
-        workers=workers,
-        job=job,
-        mixed=mixed,
-        progress=progress,
-        allow_failures=allow_failures,
-    )
-    # The result refers to the temporary folder, which is removed with the last such result.
-    return StudyResult(study, store, selected=tuple(cell.number for cell in study.cells), _kept=temporary)
+    whole_number_of(runs, "runs", 1, MOST_RUNS)
+    check_seed(seed)
+    found = opened(cells, runs, seed, motion=motion, until=until, name=name, folder=folder)
+    store = found.store
+    store.remove_damaged()
+
+    def take(frame: pl.DataFrame, task: Task) -> None:
+        store.put(frame, task.keys, task.first, task.last)
+        now.append(task.last - task.first)
+        progress(StudyProgress(sum(now), wanted))
+
+    def is_done(task: Task) -> bool:
+        return store.has(task.keys, task.first, task.last)
+
+    if found.folder:
+        make_folder(found.folder)
+        write_code(found.folder, (cell.scenario for cell in cells), motion)
+        store.put_scenarios({found.keys[cell.number]: cell.scenario for cell in cells})
+    with pool_for(executor, workers) as pool:
+        for look in [runs] if until is None else until.looks():
+            tasks = [*_missing(found, look)][shard[0] - 1 :: shard[1]]
+            if not is_cached() and tasks:  # kernels are compiled here, and not by every worker
+                simulate_runs(tasks[0]._replace(last=tasks[0].first + 1))
+            random.shuffle(tasks)
+            now, wanted = list[int](), sum(task.last - task.first for task in tasks)
+            progress(StudyProgress(0, wanted))
+            do_all(pool, simulate_runs, tasks, take, is_done=is_done)
+            store.refresh()
+    return replace(found)  # which has read nothing of the store yet
 
 
-def jobs_of_one_study(shares: Sequence[Path], *, mixed: bool = False) -> list[Store]:
-    """Open the stores of several jobs, at least one.
+def opened(
+    cells: Sequence[Cell],
+    runs: int,
+    seed: int,
+    *,
+    motion: str,
+    until: Precision | None,
+    name: str,
+    folder: Path | None,
+) -> Runs:
+    """Return those runs of cells that a folder holds; the arguments are those of ``run``."""
+    keys = {cell.number: key_of(cell.scenario, motion) for cell in cells}
+    folder = None if None in keys.values() else folder
+    known = {number: key or f"cell {number}" for number, key in keys.items()}
+    return Runs(tuple(cells), runs, seed, motion, Store(folder, seed, motion), known, until, name, folder)
+
+
+def _missing(found: Runs, runs: int) -> Iterator[Task]:
+    """Yield what is missing: for each motion and block of runs the scenarios that have not all of its runs."""
+    store, code = found.store, versions()["code"]
+    for group in groups_of(found.cells):
+        scenarios = {found.keys[cell.number]: cell.scenario for cell in group}
+        if found.is_settled(group):
+            continue
+        size = block_size([*scenarios.values()], store.world["motion"], runs)
+        files = plugins.texts_of({found.motion, *(code for one in scenarios.values() for code in one.codes)})
+        texts = {key: scenario.to_toml() for key, scenario in scenarios.items()}
+        for first in range(0, runs, size):
+            last = min(first + size, runs)
+            absent = [(key, texts[key]) for key in texts if store.there(key, first, last) < last - first]
+            if absent:
+                yield Task(tuple(absent), first, last, found.seed, found.motion, code, files)
+
+
+class Pool(NamedTuple):
+    """An executor, and how many calls it runs at a time."""
+
+    executor: Executor
+    width: int
+
+
+def do_all(
+    pool: Pool,
+    function: Callable[..., R],
+    tasks: Sequence[T],
+    take: Callable[[R, T], None],
+    *arguments: Any,
+    is_done: Callable[[T], bool] = lambda task: False,
+) -> None:
+    """Call a function with each task, and further arguments, in the pool; take the results as they finish.
 
     Args:
-        mixed: whether versions may differ.
+        is_done: asked before a task is submitted; those that are done are skipped.
     Raises:
-        InputError: no folder, or one that holds no study, another study or one with a precision, or versions differ.
+        RunError: the workers are gone. Errors of the function are raised as they are.
     """
-    if not shares:
-        raise InputError("is empty; give the folders of the jobs", field="shares")
-    stores = [Store.open(folder) for folder in shares]
-    for store in stores[1:]:
-        if store.study.hash != stores[0].study.hash:
-            raise InputError(f"is of another study than '{shares[0]}'", field=str(store.folder))
-    for store in stores:
-        if store.study.until is not None:
-            raise InputError(
-                "runs until a precision; such a study has no jobs to merge", field=str(store.folder)
-            )
-    if not mixed:
-        # All shards are put in one store in memory, as of one group, to compare their versions.
-        all_shards = [shard for store in stores for shard in store.shards]
-        Store(stores[0].folder, stores[0].study, by_group={0: all_shards}).check_alike()
-    return stores
-
-
-def merge(out: Path, shares: Sequence[Path], *, mixed: bool = False) -> Store:
-    """Merge the stores of several jobs of a study into one store.
-
-    Args:
-        out: folder of the merged store; created, or continued if it holds the same study.
-        shares: folders of the jobs, at least one; they are not changed.
-        mixed: whether versions may differ.
-    Raises:
-        InputError: a folder holds no study, another study or one with a precision, or versions differ.
-        RunError: runs are missing in all folders; the message lists the first of them. What was merged stays in
-            ``out``.
-    """
-    stores = jobs_of_one_study(shares, mixed=mixed)
-    # The jobs may have been run with different numbers of runs: the merged study has the largest.
-    runs = max((store.study.runs or 0 for store in stores), default=0)
-    if has_manifest(Path(out)):  # ``out`` may have more runs than these jobs
-        runs = max(runs, Store.open(out).study.runs or 0)
-    joined = Store.open_or_create(out, stores[0].study.with_runs(runs))
-    present = {shard.name for shard in joined.shards}
-    for store in stores:
-        for shard in store.shards:
-            if shard.name in present:
-                continue
-            # The description is copied last: without it, a shard is ignored.
-            for path in [*shard.files.values(), store.root / SHARDS / f"{shard.name}.json"]:
-                with whole_file(joined.root / SHARDS / path.name) as part:
-                    shutil.copyfile(path, part)
-    joined.refresh()
-    if not mixed:
-        joined.check_alike()  # again, since ``out`` may have had shards before
-    damaged = [f"{store.folder}: {words}" for store in stores for words in store.damaged]
-    lost = [
-        f"{group.number}:{first}-{last}"
-        for group in plan_of(joined.study).groups
-        for _, first, last in joined.missing(group, runs)
-    ]
-    if lost:
-        damage = f" (damaged: {'; '.join(damaged[:3])})" if damaged else ""
-        some = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
+    left, pending = list(reversed(tasks)), dict[Future[R], T]()
+    try:
+        while left or pending:
+            while left and len(pending) < 2 * pool.width + 1:
+                task = left.pop()
+                if not is_done(task):
+                    pending[pool.executor.submit(function, task, *arguments)] = task
+            # Short, so that Ctrl-C is noticed.
+            for future in wait(pending, timeout=1.0, return_when=FIRST_COMPLETED).done:
+                take(future.result(), pending.pop(future))
+    except (BrokenExecutor, CancelledError) as error:
         raise RunError(
-            f"'{out}' is incomplete: batches {some} are in none of the folders{damage}. Run the job that lacks them "
-            f"again and merge it too, or finish here: {resume_command(out)}"
+            f"the workers are gone ({type(error).__name__}: {error}); finished work is saved, run again to continue"
+        ) from error
+    finally:
+        for future in pending:
+            future.cancel()
+
+
+@contextmanager
+def pool_for(executor: str | Executor = "threads", workers: int | None = None) -> Iterator[Pool]:
+    """Start workers, and stop them at the end; an executor of the caller is used and not shut down.
+
+    Args:
+        executor: ``threads``, ``processes``, ``dask://HOST:PORT``, or an ``Executor``.
+        workers: number of threads or processes; None: one for each processor.
+    Raises:
+        InputError: there is no such executor, or Dask is not installed. RunError: no Dask scheduler answers, or it has
+            no workers.
+    """
+    count = workers or processors()
+    if isinstance(executor, Executor):
+        yield Pool(executor, workers or int(getattr(executor, "_max_workers", None) or 16))
+    elif executor == "threads":
+        known = set[int]()
+        with ThreadPoolExecutor(count, "vibroswarm", lambda: known.add(threading.get_ident())) as threads:
+            try:
+                yield Pool(threads, count)
+            finally:
+                interrupt_in(known)
+    elif executor == "processes":
+        with safe_start():
+            processes = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _begin_process)
+            for _ in range(count):  # each starts a process
+                processes.submit(int)
+        with processes:
+            yield Pool(processes, count)
+    elif executor.startswith("dask://"):
+        yield from _dask(executor.replace("dask://", "tcp://", 1))
+    else:
+        raise InputError(
+            f"there is no executor '{executor}'; threads, processes or dask://HOST:PORT", field="executor"
         )
-    return joined
+
+
+def _begin_process() -> None:
+    """Make a worker process ignore Ctrl-C, and end with its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.stdout = sys.stderr  # what users' code prints must not come between the results of a command
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    if parent := multiprocessing.parent_process():
+        parent.join()
+        os._exit(1)
+
+
+def _dask(address: str) -> Iterator[Pool]:
+    try:
+        import distributed
+    except ImportError:
+        raise InputError("needs Dask: pip install 'vibroswarm[dask]'", field="executor") from None
+    try:
+        connect: Any = distributed.Client
+        client = connect(address, timeout=10, set_as_default=False)
+    except OSError as error:
+        raise RunError(f"no Dask scheduler answers at '{address}' ({error})") from None
+    with client:
+        if not (threads := client.nthreads()):
+            raise RunError(f"the Dask scheduler at '{address}' has no workers; start some, and run again")
+        yield Pool(client.get_executor(pure=False), sum(threads.values()))

@@ -1,0 +1,365 @@
+"""The runs of cells as frames: everything that is reported, compared or searched is a function of them.
+
+| column of ``Runs.frame`` | what it is |
+|---|---|
+| cell, name, varied fields | number and name of the cell, and its value of each varied field |
+| run | number of the run; run r of all cells has the same motion and floor |
+| decision_time_s | mean over robots; one that did not decide counts with the end of the run (``robots_undecided``) |
+| consensus_time_s | null if ``swarm_undecided`` (without consensus), where ``swarm_time_s`` is the end of the run |
+| robots, robots_right, ... | numbers of robots |
+| right_share, ... | shares of robots, and the other figures of ``analysis.figures`` |
+| swarm_right, ... | whether the run ended so |
+| avoid_per_sample_s, ... | how robots sampled (``analysis.sampling``) |
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.analysis.figures import BY_NAME, FIGURES, columns_of, interval
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.optional_library import needed
+from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, numbers
+from vibroswarm.result import Result
+from vibroswarm.scenario import plugins
+from vibroswarm.simulation import simulate
+from vibroswarm.study.batch import OF_ROBOTS, WALK, motion_key, samples_of_run
+from vibroswarm.study.cells import Cell
+from vibroswarm.study.precision import Precision, Settled
+from vibroswarm.study.store import Store
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+COUNTS: Final = {name: f"robots_{name}" for name in ("right", "wrong", "undecided", "decided", "stated")}
+"""Names of numbers of robots in frames."""
+OF_ROBOT: Final = r"^robot[.].*$"
+"""Pattern of the columns with a list of values of robots."""
+OF_RUN: Final = pl.exclude("key", "run", "reported", OF_ROBOT)
+"""All columns with one value for a run, but its number."""
+YES_OR_NO: Final = tuple(figure.by_run for figure in FIGURES if figure.kind == "runs")
+ROWS_AT_A_TIME: Final = 200_000
+"""Most rows of a block of cells, unless a single cell has more."""
+AGAIN_S: Final = 30.0
+"""Longest time for which runs of a cell of a slow source are simulated again for pictures, s."""
+MUJOCO_S: Final = 1.1
+"""Rough processor time to simulate one robot for 1200 s in MuJoCo, s."""
+AGAIN_SAMPLES: Final = 5_000_000
+"""Most samples of a cell that are simulated again for pictures, which take about 0.3 kB of memory each."""
+
+
+@dataclass(frozen=True)
+class Runs(NotebookView):
+    """The runs of cells, which are read from a store when they are asked for."""
+
+    cells: tuple[Cell, ...]
+    runs: int
+    """Of each cell, unless a figure is to be known to some precision."""
+    seed: int
+    motion: str
+    store: Store
+    keys: Mapping[int, str]
+    """What the store knows each cell by (``store.key_of``), by its number."""
+    until: Precision | None = None
+    name: str = ""
+    folder: Path | None = None
+    """Where they are saved; None: they are not."""
+    whole: Runs | None = None
+    """Those of which these cells were selected; None: these are all."""
+
+    def __repr__(self) -> str:
+        where = f"in {str(self.folder)!r}" if self.folder else "not saved"
+        return f"Runs({len(self.cells)} cells, {sum(self.there.values())} runs, {where})"
+
+    @cached_property
+    def varied(self) -> list[str]:
+        """The varied fields, in order of first use."""
+        return list(dict.fromkeys(name for cell in self.cells for name in cell.point))
+
+    @cached_property
+    def there(self) -> dict[int, int]:
+        """How many of the runs that enter the figures of a cell are there, by its number."""
+        return {
+            cell.number: self.store.there(self.keys[cell.number], 0, self.runs_of(cell))
+            for cell in self.cells
+        }
+
+    def runs_of(self, cell: Cell) -> int:
+        """Return how many runs of a cell, from run 0 on, enter its figures."""
+        if self.until is None:
+            return self.runs
+        found = self.settled(cell)
+        # Before the first look, those that are there without a gap.
+        return (
+            next(iter(self.store.ranges.get(self.keys[cell.number], ())), (0, 0))[1]
+            if found is None
+            else found.runs
+        )
+
+    def settled(self, cell: Cell) -> Settled | None:
+        """Return how far a cell is at its last look; None without a precision, or before the first look."""
+        return (self.whole or self)._settled[cell.number]
+
+    @cached_property
+    def _settled(self) -> dict[int, Settled | None]:
+        found = [(self._last_look(group), group) for group in groups_of(self.cells)]
+        return {cell.number: look for look, group in found for cell in group}
+
+    def is_settled(self, group: Sequence[Cell]) -> bool:
+        """Return whether cells that share motion need no more runs for the precision that is wanted."""
+        found = self._last_look(group)
+        return found is not None and (found.reached or found.runs == (self.until and self.until.max_runs))
+
+    def _last_look(self, group: Sequence[Cell]) -> Settled | None:
+        """Return the first look at which the figure is precise enough in all cells, or the last that is there."""
+        found, until = None, self.until
+        if until is None:
+            return None
+        for look, runs in enumerate(until.looks()):
+            if any(self.store.there(self.keys[cell.number], 0, runs) < runs for cell in group):
+                break
+            level = until.level_at(look)
+            found = Settled(look, runs, level, all(self._is_precise(cell, runs, level) for cell in group))
+            if found.reached:
+                break
+        return found
+
+    def _is_precise(self, cell: Cell, runs: int, level: float) -> bool:
+        assert self.until is not None
+        figure, t_end_s = BY_NAME[self.until.figure], cell.scenario.run.t_end_s
+        rows = self.rows(*figure.read, cells=[cell], runs=runs)
+        return self.until.reached(interval(figure.name, columns_of(rows), level, t_end_s=t_end_s), t_end_s)
+
+    def rows(
+        self, *columns: str | pl.Expr, cells: Sequence[Cell] | None = None, runs: int | None = None
+    ) -> pl.DataFrame:
+        """Return columns of the store by run, and the number of the ``cell``, sorted by cell and run.
+
+        Args:
+            columns: names, or patterns such as ``^robot[.].*$``; none: ``OF_RUN``.
+            runs: of each cell; None: those that enter its figures.
+        Raises:
+            InputError: none of these cells has runs yet.
+        """
+        cells = self.cells if cells is None else cells
+        wanted = pl.DataFrame(
+            [(cell.number, self.keys[cell.number], runs or self.runs_of(cell)) for cell in cells],
+            schema={"cell": pl.UInt32, "key": pl.String, "_runs": pl.UInt32}, orient="row",
+        )  # fmt: skip
+        stored = self.store.scan(wanted["key"].to_list(), max(wanted["_runs"].to_list(), default=0))
+        if stored is None:
+            raise InputError("holds no runs of these cells yet", field=str(self.folder or "runs"))
+        stored = stored.select("key", "run", *(columns or [OF_RUN]))
+        joined = wanted.lazy().join(stored, on="key").filter(pl.col("run") < pl.col("_runs"))
+        return joined.drop("key", "_runs").collect().sort("cell", "run")
+
+    def blocks(self, *columns: str | pl.Expr) -> Iterator[tuple[list[Cell], pl.DataFrame]]:
+        """Yield cells and their ``rows``, some cells at a time, so that few rows are in memory."""
+        block, size = list[Cell](), 0
+        for cell in [*self.cells, None]:
+            if cell is None or (block and size + self.runs_of(cell) > ROWS_AT_A_TIME):
+                yield block, self.rows(*columns, cells=block)
+                block, size = [], 0
+            if cell is not None:
+                block.append(cell)
+                size += self.runs_of(cell)
+
+    @cached_property
+    def frame(self) -> pl.DataFrame:
+        """A row for each cell and run, see the head of this module."""
+        rows = self.rows().drop("time_within")
+        after = {"decision_time_s": "undecided", "consensus_time_s": "swarm_undecided"}
+        rows = rows.with_columns(
+            pl.col(YES_OR_NO).cast(pl.Boolean), swarm_undecided=pl.col("consensus_time_s").is_null()
+        )
+        moved = set(after.values())
+        names = [
+            each for name in rows.columns if name not in moved for each in (name, after.get(name)) if each
+        ]
+        return self._with_cells(rows.select(names).rename(COUNTS))
+
+    @cached_property
+    def robots(self) -> pl.DataFrame:
+        """A row for each cell, run and robot; ``decision_time_s`` is null if the robot is ``undecided``."""
+        rows = self._robots(self.rows(OF_ROBOT))
+        names = list(rows.columns)
+        names.insert(names.index("decision_time_s") + 1, "undecided")
+        return self._with_cells(rows.with_columns(undecided=pl.col("decision") == -1).select(names))
+
+    @cached_property
+    def reported(self) -> pl.DataFrame:
+        """What robots reported at the end of runs, means over the robots of a run."""
+        return self._with_cells(
+            self.rows("reported").drop_nulls("reported").explode("reported").unnest("reported")
+        )
+
+    def tables(self, cell: Cell) -> tuple[pl.DataFrame, pl.DataFrame]:
+        """Return the tables of robots and of runs of a cell, as a ``Result`` has them, with how robots sampled."""
+        rows = self.rows(OF_RUN, OF_ROBOT, cells=[cell])
+        counts = pl.col("right", "wrong", "undecided").fill_null(
+            0
+        )  # null in figures where no answer is right
+        runs = rows.with_columns(counts).select(
+            *(pl.col(name).cast(kind) for name, kind in RUNS.items()), *WALK
+        )
+        return self._robots(rows.drop("cell")).select(list(ROBOTS)), runs
+
+    @staticmethod
+    def _robots(rows: pl.DataFrame) -> pl.DataFrame:
+        lists = [f"robot.{name}" for name in OF_ROBOTS]
+        number = pl.int_ranges(pl.col(lists[0]).list.len(), dtype=pl.UInt16)
+        keys = [name for name in ("cell", "run") if name in rows.columns]
+        rows = rows.select(*keys, number.alias("robot"), *lists).explode("robot", *lists)
+        return rows.rename({name: name.removeprefix("robot.") for name in lists}).cast({"run": pl.UInt32})
+
+    def by_run(self, figures: Sequence[str]) -> dict[str, Array]:
+        """Return figures of each run, (cells, runs) each, nan where a run does not have the figure.
+
+        Raises:
+            InputError: runs are missing.
+        """
+        self.check_complete()
+        columns = [BY_NAME[name].by_run for name in figures]
+        rows = self.rows(*columns)
+        shape = (len(self.cells), -1)
+        order = np.argsort(np.argsort([cell.number for cell in self.cells]))
+        return {
+            name: numbers(rows[column].cast(pl.Float64)).reshape(shape)[order]
+            for name, column in zip(figures, columns, strict=True)
+        }
+
+    def check_complete(self) -> None:
+        """Raise InputError if runs of a cell are missing."""
+        for cell in self.cells:
+            if self.there[cell.number] < self.runs_of(cell):
+                raise InputError(
+                    f"has {self.there[cell.number]} of {self.runs_of(cell)} runs; run it again",
+                    field=cell.name,
+                )
+
+    def where(self, **values: Any) -> Runs:
+        """Select cells by values of varied fields, such as ``where(strategy__name="soft")``; a list: any of them.
+
+        Raises:
+            InputError: no cell has these values.
+        """
+        wanted = {
+            name.replace("__", "."): value if isinstance(value, list) else [value]
+            for name, value in values.items()
+        }
+        cells = [
+            cell
+            for cell in self.cells
+            if all(plain_of(cell.point.get(name)) in choices for name, choices in wanted.items())
+        ]
+        if not cells:
+            raise InputError(f"no cell has {wanted}; varied are {', '.join(self.varied)}", field="where")
+        return self.select(cells)
+
+    def select(self, cells: Iterable[Cell]) -> Runs:
+        """Return the runs of some of the cells."""
+        return replace(self, cells=tuple(cells), whole=self.whole or self)
+
+    def again(self, cell: Cell, runs: int | Iterable[int] = 1, **how: Any) -> Result:
+        """Simulate runs of a cell again from the seed, with all their samples, which are not saved.
+
+        Args:
+            runs: how many, from run 0, or the numbers of the runs. how: such as ``poses=True``, see ``simulate``.
+        """
+        return simulate(cell.scenario, self.seed, runs, motion=self.motion, **how)
+
+    def runs_again(self, cell: Cell, most: int) -> int:
+        """Return how many runs of a cell, from run 0 on, are simulated again for a picture, at least one.
+
+        They are fewer than ``most`` if they have many samples, or their source of motion is slow.
+        """
+        scenario, runs = cell.scenario, float(min(most, self.runs_of(cell)))
+        if scenario.run.stop == "t_end":  # other runs may end long before
+            runs = min(runs, AGAIN_SAMPLES / samples_of_run(scenario))
+        if self.motion == "mujoco":
+            runs = min(runs, AGAIN_S * 1200.0 / (MUJOCO_S * scenario.swarm.robots * scenario.run.t_end_s))
+        return max(int(runs), 1)
+
+    def to_pandas(self, table: str = "frame") -> pd.DataFrame:
+        """Convert ``frame`` or ``robots`` to pandas, which must be installed."""
+        needed("pandas", "frames", "to_pandas")
+        needed("pyarrow", "frames", "to_pandas")
+        frame: pl.DataFrame = getattr(self, table)
+        return frame.to_pandas()
+
+    def to_xarray(self, table: str = "frame") -> xr.Dataset:
+        """Convert ``frame`` or ``robots`` to an xarray Dataset, whose dimensions are the varied fields and ``run``.
+
+        Cells that do not set all varied fields, or of which some are equal, have the dimension ``cell`` instead.
+        """
+        xarray = needed("xarray", "frames", "to_xarray")
+        frame = self.to_pandas(table)
+        further = ["run", "robot"] if table == "robots" else ["run"]
+        keys = frame[[*self.varied, *further]]
+        is_grid = bool(self.varied) and not (keys.duplicated().any() or keys.isna().to_numpy().any())
+        texts = frame.astype(dict.fromkeys(frame.select_dtypes("category"), str))
+        dataset: xr.Dataset = xarray.Dataset.from_dataframe(
+            texts.set_index([*(self.varied if is_grid else ["cell"]), *further])
+        )
+        return dataset
+
+    @cached_property
+    def cell_table(self) -> pl.DataFrame:
+        """A row for each cell: number, varied fields, name, hash of the scenario, runs wanted and there."""
+        rows = [
+            (cell.number, cell.name, cell.hash, self.runs_of(cell), self.there[cell.number])
+            for cell in self.cells
+        ]
+        schema = {
+            "cell": pl.UInt32, "name": pl.String, "scenario_hash": pl.String, "wanted": pl.UInt32, "there": pl.UInt32
+        }  # fmt: skip
+        frame = pl.DataFrame(rows, schema=schema, orient="row")
+        return frame.select("cell", *self._varied_columns, *frame.columns[1:])
+
+    @property
+    def _varied_columns(self) -> list[pl.Series]:
+        return [
+            _column(name, [plain_of(cell.point.get(name)) for cell in self.cells]) for name in self.varied
+        ]
+
+    def _with_cells(self, rows: pl.DataFrame) -> pl.DataFrame:
+        cells = pl.DataFrame(
+            [
+                pl.Series("cell", [cell.number for cell in self.cells], pl.UInt32),
+                *self._varied_columns,
+                pl.Series("name", [cell.name for cell in self.cells], pl.String),
+            ]
+        )
+        return cells.join(rows, on="cell", suffix="_reported", maintain_order="right")
+
+
+def groups_of(cells: Sequence[Cell]) -> list[list[Cell]]:
+    """Return the cells that share motion, group by group."""
+    groups: dict[str, list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault(motion_key(cell.scenario), []).append(cell)
+    return list(groups.values())
+
+
+def plain_of(value: Any) -> Any:
+    """Return the name of code, ``voter`` of ``voter.py:voter sha256:...``, and any other value as it is."""
+    return plugins.name_in(value) if plugins.is_code(value) else value
+
+
+def _column(name: str, values: list[Any]) -> pl.Series:
+    """Return values as a column; mixed kinds, lists and tables are text."""
+    kinds = {type(value) for value in values if value is not None}
+    if kinds <= {int, float} or (len(kinds) == 1 and not kinds & {list, tuple, dict}):
+        return pl.Series(name, values, strict=False) if kinds else pl.Series(name, values, pl.String)
+    texts = [value if value is None or isinstance(value, str) else json.dumps(value) for value in values]
+    return pl.Series(name, texts)
