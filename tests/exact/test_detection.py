@@ -79,8 +79,6 @@ def test_needed_by_hand() -> None:
     assert frame["needed_s"].to_list() == [None, 95.0, 47.5]
     assert frame["fewest"].to_list() == [False, True, False]
     assert frame["missed"].to_list() == pytest.approx([1.0, 0.0, 0.0])
-    robots = needed([few], 100.0, 0.12, of="robots")
-    assert 94.0 < robots["needed_s"][0] < 97.0
     assert needed([cell([1.0] * 70)], 100.0, 0.05)["needed_s"].to_list() == [
         None
     ]  # too few runs say too little
@@ -126,8 +124,7 @@ def test_on_the_boundary_nothing_can_be_missed() -> None:
         ),
     )
     assert detection_curve([on], 100.0)["missed"].null_count() == 6
-    for of in ("swarm", "robots"):
-        assert needed([on], 100.0, 0.5, of=of)["needed_s"].to_list() == [None]  # type: ignore[arg-type]
+    assert needed([on], 100.0, 0.5)["needed_s"].to_list() == [None]
 
 
 def test_what_is_said_to_be_enough_is_enough() -> None:

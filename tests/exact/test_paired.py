@@ -14,13 +14,11 @@ from vibroswarm.analysis.intervals import (
     Interval,
     generator,
     jackknife_error,
-    sign_flip,
     student_test,
     wilson_limits,
 )
 from vibroswarm.analysis.paired import (
     COMPARED,
-    Test,
     compare,
     difference,
     differences,
@@ -75,8 +73,7 @@ def test_student_by_hand() -> None:
     assert student_test(but_for_rounding).p_value == 0.25
     assert math.isnan(student_test([3.0]).p_value)
     first, second = figures([2.0, 4.0, 6.0, 8.0], [0.0] * 4), figures([1.0, 2.0, 3.0, 4.0], [0.0] * 4)
-    assert compare(first, second, ["decision_time_s"], test=student_test)[0].p_value == p_value
-    assert compare(first, second, ["decision_time_s"])[0].p_value != p_value  # control: by sign flips
+    assert compare(first, second, ["decision_time_s"])[0].p_value == p_value
 
 
 @pytest.mark.parametrize(("runs", "upwards"), [(40, 0.8), (200, 1.0)])
@@ -84,16 +81,16 @@ def test_limits_hold_rare_differences_as_often_as_they_say(runs: int, upwards: f
     """In few runs one to five of five robots decide otherwise."""
     differing = 0.01
     random, truth = generator(5, "test"), differing * (2 * upwards - 1) * 0.6
-    held = held_by_flips = 0
+    held = held_alone = 0
     for _ in range(300):
         side = np.where(random.random(runs) < upwards, 1.0, -1.0) * (random.random(runs) < differing)
         first = np.full(runs, 0.4)
         second = first - side * random.integers(1, 6, runs) / 5
         held += not difference(first, second, most=1.0).interval.excludes(truth)
-        held_by_flips += not sign_flip(first - second).interval.excludes(truth)
+        held_alone += not student_test(first - second).interval.excludes(truth)
     least = binom.ppf(1e-4, 300, 0.93)  # measured: .93 or more
     assert held >= least
-    assert held_by_flips < least  # the control
+    assert held_alone < least  # the control
 
 
 def test_the_same_in_all_runs_is_not_shown_to_be_the_same() -> None:
@@ -110,17 +107,11 @@ def test_the_same_in_all_runs_is_not_shown_to_be_the_same() -> None:
     assert compare(later, same)[0].difference.low == pytest.approx(20.0 - 519 * most)
 
 
-@pytest.mark.parametrize("test", [sign_flip, student_test])
-def test_limits_of_differences_stay_within_what_runs_can_differ_by(test: Test) -> None:
+def test_limits_of_differences_stay_within_what_runs_can_differ_by() -> None:
     """Always right against always wrong was 100.0 points [67.6, 132.4] in 8 runs."""
-    found = difference(np.ones(8), np.zeros(8), test=test, most=1.0).interval
+    found = difference(np.ones(8), np.zeros(8), most=1.0).interval
     assert found[:3] == (1.0, pytest.approx(0.676, abs=5e-4), 1.0)
-    assert math.isinf(difference([1.0], [0.0], test=test, most=1.0).interval.high), "no limits are none"
-
-
-def test_where_half_of_the_runs_differ_limits_are_those_of_sign_flips() -> None:
-    d = np.array([0.0] * 5 + [0.2, -0.2, 0.4, 0.2, 0.4, 0.6])
-    assert difference(d, np.zeros(11)).interval == sign_flip(d).interval
+    assert math.isinf(difference([1.0], [0.0], most=1.0).interval.high), "no limits are none"
 
 
 def test_rounding_is_no_difference() -> None:
@@ -175,7 +166,7 @@ def test_false_alarms_and_what_holm_does_to_them() -> None:
     random = generator(4, "alarms")
     plain_alarms = family_alarms = 0
     for _ in range(200):
-        p = [sign_flip(np.subtract(*random.exponential(1.0, (2, 30)))).p_value for _ in range(5)]
+        p = [student_test(np.subtract(*random.exponential(1.0, (2, 30)))).p_value for _ in range(5)]
         plain_alarms += min(p) < 0.05
         family_alarms += min(holm(p)) < 0.05
     assert family_alarms / 200 < 0.08
@@ -183,11 +174,11 @@ def test_false_alarms_and_what_holm_does_to_them() -> None:
 
 
 def test_not_told_apart_is_not_equal() -> None:
-    wide = Interval(0.1, -5.0, 5.2, 0.95, 8, "sign flip")
+    wide = Interval(0.1, -5.0, 5.2, 0.95, 8, "t")
     assert not equivalent(wide, 1.0)
-    assert equivalent(Interval(0.1, -0.5, 0.7, 0.95, 80, "sign flip"), 1.0)
+    assert equivalent(Interval(0.1, -0.5, 0.7, 0.95, 80, "t"), 1.0)
     assert not equivalent(Interval(math.nan, math.nan, math.nan, 0.95, 0, ""), 1.0)
     # All pairs alike: an event of one pair in ten may well be missing among six, whatever the margin.
-    assert not equivalent(Interval(0.0, 0.0, 0.0, 0.95, 6, "sign flip"), 1.0)
+    assert not equivalent(Interval(0.0, 0.0, 0.0, 0.95, 6, "t"), 1.0)
     with pytest.raises(InputError, match="margin"):
         equivalent(wide, 0.0)

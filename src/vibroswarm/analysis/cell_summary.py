@@ -59,7 +59,6 @@ def summary(
     runs: pl.DataFrame,
     t_end_s: float,
     level: float = 0.95,
-    seed: int = 0,
     *,
     agreements: pl.DataFrame | None = None,
     costs: NDArray[np.float64] | None = None,
@@ -68,23 +67,23 @@ def summary(
 
     Args:
         robots, runs: tables of one scenario's runs, as a ``Result`` has them. t_end_s: the end of a run, s.
-        level: confidence level of each single interval. seed: seed of the bootstrap.
+        level: confidence level of each single interval.
         agreements: table of agreements (``analysis.answers_over_time.AGREEMENTS``); None: decisions are final.
         costs: of the scenario (``outcomes.costs_of``); None: two answers, mistakes that cost the same.
     """
     swarms = Swarms.of_tables(robots, runs, t_end_s, agreements, costs)
     table = figures_table(swarms, runs.sort("run").select("run", "truth", "consensus"))
-    return summaries_of(table, [table.height], [t_end_s], level, seed)[0]
+    return summaries_of(table, [table.height], [t_end_s], level)[0]
 
 
 def summaries_of(
-    table: pl.DataFrame, runs: Sequence[int], ends_s: Sequence[float], level: float = 0.95, seed: int = 0
+    table: pl.DataFrame, runs: Sequence[int], ends_s: Sequence[float], level: float = 0.95
 ) -> list[CellSummary]:
     """Compute all figures of cells from those of their runs.
 
     Args:
         table: of ``figures.figures_table``, cell by cell.
-        runs: number of runs of each cell. ends_s: end of the runs of each cell, s. level, seed: as of ``summary``.
+        runs: number of runs of each cell. ends_s: end of the runs of each cell, s. level: as of ``summary``.
     """
     bounds = np.cumsum([0, *runs]).tolist()
     cells = [slice(low, high) for low, high in pairwise(bounds)]
@@ -94,7 +93,7 @@ def summaries_of(
         columns = columns_of(table)
         for found, cell, end_s in zip(figures, cells, ends_s, strict=True):
             by_run = {name: columns[name][cell] for name in figure.read}
-            found[figure.name] = interval(figure.name, by_run, level, seed, end_s)
+            found[figure.name] = interval(figure.name, by_run, level, end_s)
     return [
         CellSummary(cell.stop - cell.start, int(table["robots"][cell].sum()), end_s, level, found)
         for found, cell, end_s in zip(figures, cells, ends_s, strict=True)

@@ -32,9 +32,8 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr, ndtri
+from scipy.special import bdtr, bdtrc, ndtr, ndtri
 
-from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.analysis.intervals import ForJson, wilson_limits
 from vibroswarm.core.numbers import percent
 from vibroswarm.floors.floor import Floor
@@ -284,9 +283,9 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
     n = np.arange(1, 2 * normal + 2 * math.ceil(1.0 / distance) + 50)
     # ON: a product that differs from a whole number by rounding alone counts as that number.
     if share > boundary:
-        wrong = probability_at_most(np.floor(boundary * n + ON), n, share)  # P(ones <= boundary n)
+        wrong = bdtr(np.floor(boundary * n + ON), n, share)  # P(ones <= boundary n)
     else:
-        wrong = probability_above(np.ceil(boundary * n - ON) - 1, n, share)  # P(ones >= boundary n)
+        wrong = bdtrc(np.ceil(boundary * n - ON) - 1, n, share)  # P(ones >= boundary n)
     over = np.flatnonzero(wrong > error)
     return int(n[over[-1]]) + 1 if over.size else 1
 

@@ -5,9 +5,9 @@ interval that treats the run as the independent unit:
 
 | kind | figure of a cell | interval |
 |---|---|---|
-| mean | mean over the runs that have the figure | Student's t; those of a share are clipped to [0, 1] |
+| mean | mean over the runs that have the figure | Student's t, within what a mean can be |
 | runs | share of the runs, of those that have the figure, in which it is 1 and not 0 | Wilson |
-| robots | sum of a number of robots over runs / sum of another | cluster bootstrap over runs |
+| robots | sum of a number of robots over runs / sum of another | Wilson, with an effective number of robots |
 | median | median over runs; a run without the figure counts as infinitely late | order statistics |
 
 Columns of the table of figures by run that are no figures of a cell themselves are numbers of robots: ``robots``, and
@@ -29,15 +29,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.analysis.intervals import (
     Interval,
-    allowing_for_rare,
+    bounded_mean,
     cluster_share,
-    mean_interval,
     quantile_interval,
     rate_interval,
-    share_interval,
-    time_interval,
     wilson,
-    within,
 )
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import (
@@ -323,11 +319,9 @@ class RunFigure:
                 known, then limits of times may be later.
         """
         if self.is_share:
-            return share_interval(by_run, level)
-        if self.unit == "s" and self.least == 0.0:
-            return time_interval(by_run, t_end_s, level)
-        found = allowing_for_rare(mean_interval(by_run, level), by_run, self.most_apart)
-        return within(found, self.least, self.most)
+            return bounded_mean(by_run, 0.0, 1.0, level)
+        is_time = self.unit == "s" and self.least == 0.0
+        return bounded_mean(by_run, self.least, t_end_s if is_time else self.most, level)
 
 
 def _mean_of(column: str) -> Callable[[Swarms], Array]:
@@ -629,21 +623,20 @@ def interval(
     name: str,
     by_run: Mapping[str, NDArray[Any]],
     level: float = 0.95,
-    seed: int = 0,
     t_end_s: float = math.nan,
 ) -> Interval:
     """Compute a figure of a cell, with its limits, from the figures of its runs.
 
     Args:
         name: of the figure. by_run: columns of ``figures_of``, (runs,) each, nan where a run does not have a figure.
-        level: confidence level. seed: seed of the bootstrap. t_end_s: the end of a run, s, which rates of events and
+        level: confidence level. t_end_s: the end of a run, s, which rates of events and
             limits of times need.
     """
     figure = BY_NAME[name]
     if figure.kind == "robots":
         count, of = (by_run[column] for column in figure.counted)
         known = ~np.isnan(count)
-        return cluster_share(count[known], of[known], level, seed)
+        return cluster_share(count[known], of[known], level)
     values = by_run[figure.by_run]
     if figure.kind == "mean":
         return figure.mean(values, level, t_end_s)
@@ -652,7 +645,7 @@ def interval(
     known = ~np.isnan(values)
     if figure.kind == "share":
         robots = by_run[STATED]  # only these have an interval that may hold the number
-        return cluster_share(np.rint(values * robots)[known], robots[known], level, seed)
+        return cluster_share(np.rint(values * robots)[known], robots[known], level)
     if figure.kind == "median":
         return quantile_interval(np.where(known, values, math.inf), 0.5, level)
     return wilson(int(values[known].sum()), int(known.sum()), level)

@@ -7,26 +7,21 @@ its final decision. Limits hold at each time by itself.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.figures import Swarms
-from vibroswarm.analysis.intervals import cluster_share_of_distinct, wilson_limits
+from vibroswarm.analysis.intervals import Values, cluster_shares, wilson_limits
 
 POINTS = 121
 """Number of times in the default grid from 0 to t_end."""
 READ: Final = ("decision", "decision_time_s", "truth", "consensus", "consensus_time_s")
 """Columns of the tables that are read, besides run and robot."""
-
-
-def time_grid(t_end_s: float, times_s: ArrayLike | None) -> NDArray[np.float64]:
-    """Return the given times as a flat array, or by default ``POINTS`` evenly spaced times from 0 to t_end, s."""
-    if times_s is None:
-        return np.linspace(0.0, t_end_s, POINTS)
-    return np.asarray(times_s, dtype=np.float64).ravel()
+Limits = Callable[[Values, Values, float], tuple[Values, Values, Values]]
+"""Shares and their limits at each time, from counts, (times, runs), of sizes, (runs,)."""
 
 
 def robot_incidence(
@@ -35,82 +30,22 @@ def robot_incidence(
     t_end_s: float,
     times_s: ArrayLike | None = None,
     level: float = 0.95,
-    seed: int = 0,
 ) -> pl.DataFrame:
     """Compute the shares of robots that had decided right, decided wrong, or not decided by each time.
 
     Args:
         robots, runs: tables of a result. t_end_s: end of the runs, s.
-        times_s: at which shares are computed, s; by default the grid of ``time_grid``.
-        level: confidence level of the limits. seed: of their bootstrap over runs.
+        times_s: ascending, at which shares are computed, s; by default ``POINTS`` of them from 0 to t_end.
+        level: confidence level of the limits (``intervals.cluster_shares``).
     Returns: one row per time: time_s, and ``right``, ``wrong``, ``undecided``, each with ``_low`` and ``_high``. Right
         and wrong are shares of the robots in runs with a truth; null if there are no such runs.
     """
-    table = _sized(robots, runs, t_end_s)
-    times = time_grid(t_end_s, times_s)
-    known = table.filter(pl.col("truth").is_not_null())
-    decisions = robots.select("run", "decision", "decision_time_s")
-    robots_and_truth = decisions.join(table.select("run", "truth"), on="run")
-    decided = pl.col("decision") != -1
-    # For each share, the runs whose robots count, and which robots are counted at their decision times.
-    parts = {
-        "right": (known, decided & (pl.col("decision") == pl.col("truth"))),
-        "wrong": (known, decided & (pl.col("decision") != pl.col("truth"))),
-        "undecided": (table, decided),
-    }
-    columns: dict[str, NDArray[np.float64]] = {"time_s": times}
-    for name, (runs_counted, robots_counted) in parts.items():
-        size, count, number = _counts_over_time(robots_and_truth.filter(robots_counted), runs_counted, times)
-        if name == "undecided":  # the rest of a run: its size - number that had decided
-            count = size - count
-        shares = [cluster_share_of_distinct(count, size, of_time, level, seed)[:3] for of_time in number]
-        limits = np.array(shares).reshape(-1, 3)
-        columns |= {name: limits[:, 0], f"{name}_low": limits[:, 1], f"{name}_high": limits[:, 2]}
-    return pl.DataFrame(columns).fill_nan(None)
-
-
-def _sized(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.DataFrame:
-    """Return truth, consensus and its time, and number of robots of each run, sorted by run."""
-    swarms = Swarms.of_tables(robots, runs, t_end_s)
-    table = runs.sort("run").select("run", "truth", "consensus", "consensus_time_s")
-    return table.with_columns(robots=pl.Series(swarms.count))
-
-
-def _counts_over_time(
-    decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Count for each time the runs in which 0, 1, 2, ... robots had decided.
-
-    At least k robots of a run had decided by t if its k-th decision time is at most t. So one sorted list of k-th
-    decision times per k serves all times, without a table of runs by times.
-
-    Args:
-        decided: rows of the robots that decided. of: the runs that count, as of ``_sized``. times: times, s.
-    Returns: the kinds of runs, one for each size of a run and each count from 0 to this size: number of robots of a
-        run, (kinds,); number of them that had decided, (kinds,); and number of runs of each kind, (times, kinds).
-    """
-    ranked = (
-        decided.lazy()
-        .join(of.lazy().select("run", size="robots"), on="run")
-        .sort("run", "decision_time_s")
-        .select("size", "decision_time_s", rank=pl.int_range(1, pl.len() + 1).over("run"))
-        .collect()
+    rows = robots.select("run", "decision", time_s="decision_time_s").join(
+        runs.select("run", "truth"), on="run", maintain_order="left"
     )
-    sizes, counts = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
-    numbers = [np.empty((times.size, 0), dtype=np.int64)]
-    for size, number in of.group_by("robots").len().sort("robots").iter_rows():
-        # at_least[t, k]: number of runs with at least k decided robots at time t. The last column, for size + 1 robots,
-        # stays 0, so that the differences of columns give the runs with exactly k.
-        at_least = np.zeros((times.size, size + 2), dtype=np.int64)
-        at_least[:, 0] = number
-        of_size = ranked.filter(pl.col("size") == size)
-        for k in range(1, size + 1):
-            kth = np.sort(of_size.filter(pl.col("rank") == k)["decision_time_s"].to_numpy())
-            at_least[:, k] = np.searchsorted(kth, times, side="right")
-        sizes.append(np.full(size + 1, size))
-        counts.append(np.arange(size + 1))
-        numbers.append(at_least[:, :-1] - at_least[:, 1:])
-    return np.concatenate(sizes), np.concatenate(counts), np.concatenate(numbers, axis=1)
+    decided, is_truth = rows["decision"] != -1, rows["decision"] == rows["truth"]
+    outcomes = {"right": decided & is_truth, "wrong": decided & ~is_truth, "undecided": decided}
+    return _incidence(rows, outcomes, t_end_s, times_s, cluster_shares, level)
 
 
 def swarm_incidence(
@@ -123,29 +58,49 @@ def swarm_incidence(
     """Compute the shares of runs with a right consensus, a wrong consensus, or no consensus by each time.
 
     Args:
-        robots, runs: tables of a result. t_end_s: end of the runs, s.
-        times_s: at which shares are computed, s; by default the grid of ``time_grid``.
-        level: confidence level of the limits.
+        robots: not read. runs: table of a result. The others are those of ``robot_incidence``.
     Returns: one row per time: time_s, and ``right``, ``wrong``, ``open``, each with Wilson's limits ``_low`` and
         ``_high``. ``open`` is the share of runs without consensus yet, or with split decisions. Right and wrong are
         shares of the runs with a truth; null if there are no such runs.
     """
-    table = _sized(robots, runs, t_end_s)
-    times = time_grid(t_end_s, times_s)
-    with_truth = table["truth"].count()
-    with_consensus = table.filter(pl.col("consensus_time_s").is_not_null())
-    columns = {"time_s": times}
-    for name, outcomes, n in (
-        ("right", ("right",), with_truth),
-        ("wrong", ("wrong",), with_truth),
-        ("open", ("right", "wrong", "truth_undefined"), table.height),
-    ):
-        reached = with_consensus.filter(pl.col("consensus").cast(pl.String).is_in(outcomes))
-        reached_s = np.sort(reached["consensus_time_s"].to_numpy())
-        count = np.searchsorted(reached_s, times, side="right").astype(np.float64)
-        # Open runs are all runs except those with a consensus of any kind, which ``count`` has counted.
-        count = n - count if name == "open" else count
-        low, high = wilson_limits(count, n, level)
-        share = count / n if n else np.full(times.size, np.nan)
-        columns |= {name: share, f"{name}_low": low, f"{name}_high": high}
+    rows = runs.select("run", "truth", time_s="consensus_time_s")
+    ended = runs["consensus"].cast(pl.String)
+    reached = ended.is_in(["right", "wrong", "truth_undefined"])
+    outcomes = {"right": ended == "right", "wrong": ended == "wrong", "open": reached}
+    return _incidence(rows, outcomes, t_end_s, times_s, _wilson_shares, level)
+
+
+def _wilson_shares(counts: Values, sizes: Values, level: float) -> tuple[Values, Values, Values]:
+    count, n = counts.sum(axis=-1), sizes.sum()
+    with np.errstate(invalid="ignore"):  # 0 / 0 without runs
+        return count / n, *wilson_limits(count, n, level)
+
+
+def _incidence(
+    rows: pl.DataFrame,
+    outcomes: dict[str, pl.Series],
+    t_end_s: float,
+    times_s: ArrayLike | None,
+    limits: Limits,
+    level: float,
+) -> pl.DataFrame:
+    """Return the shares of robots, or of swarms, with each outcome by each time.
+
+    Args:
+        rows: run, truth and time_s of each. outcomes: which rows have an outcome from time_s on; of the last one, the
+            share without it is computed, and of all runs, not of those with a truth.
+    """
+    times = np.linspace(0.0, t_end_s, POINTS) if times_s is None else np.asarray(times_s, dtype=np.float64)
+    run = np.unique(rows["run"].to_numpy(), return_inverse=True)[1]
+    runs, at = int(run.max(initial=-1)) + 1, np.searchsorted(times, rows["time_s"].to_numpy())
+    has_truth = rows["truth"].is_not_null().to_numpy()
+    columns: dict[str, NDArray[np.float64]] = {"time_s": times}
+    for name, outcome in outcomes.items():
+        is_last = name not in ("right", "wrong")
+        sizes = np.bincount(run[has_truth | is_last], minlength=runs).astype(np.float64)
+        has_it = outcome.fill_null(False).to_numpy() & (has_truth | is_last)
+        entered = np.bincount(at[has_it] * runs + run[has_it], minlength=(times.size + 1) * runs)
+        counts = entered.reshape(times.size + 1, runs).cumsum(axis=0)[:-1].astype(np.float64)
+        shares = limits(sizes - counts if is_last else counts, sizes, level)
+        columns |= {f"{name}{end}": found for end, found in zip(("", "_low", "_high"), shares, strict=True)}
     return pl.DataFrame(columns).fill_nan(None)

@@ -5,10 +5,9 @@ A cell is the runs of one scenario.
 | figure | symbol | equation |
 |---|---|---|
 | difference | D | mean over runs of d_r = first_r - second_r |
-| interval, p-value | - | sign flips of the d_r, see ``intervals.sign_flip`` |
+| interval, p-value | - | Student's limits and paired t-test, see ``intervals.student_test`` |
 | interval, if few d_r are far from others | - | at least that of rare events, see ``intervals.allowing_for_rare`` |
 | p-value, if these limits hold 0 | - | at least 1 - level |
-| floor by floor | - | Student's limits and paired t-test instead, see ``intervals.student_test`` |
 | corrected p-value | - | Holm, for m figures: cumulative maximum of (m - i + 1) p_(i), at most 1 (Holm 1979) |
 | equivalent | - | the interval lies inside (-margin, margin): two one-sided tests, each at (1 - level) / 2 |
 
@@ -30,7 +29,7 @@ No significant difference is not equality: that requires an interval inside a ma
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Final
@@ -46,12 +45,11 @@ from vibroswarm.analysis.intervals import (
     Tested,
     Values,
     allowing_for_rare,
-    check_level,
     columns_of,
     draw_limits,
     generator,
     plain,
-    sign_flip,
+    student_test,
     within,
     without_nan,
 )
@@ -67,8 +65,6 @@ DRAWS: Final = 1000
 """Bootstrap draws of runs, where a figure is computed from the means of several cells."""
 LEAST_KNOWN: Final = 0.95
 """Smallest share of draws in which a figure is defined for which it has limits."""
-Test = Callable[[Values, float, int], Tested]
-"""A test of paired differences: it takes them, a level of confidence and a seed."""
 
 
 @dataclass(frozen=True)
@@ -109,20 +105,17 @@ def compare(
     second: pl.DataFrame,
     figures: Sequence[str] = COMPARED,
     level: float = 0.95,
-    seed: int = 0,
-    test: Test = sign_flip,
 ) -> tuple[Paired, ...]:
     """Compare two cells figure by figure; p-values are Holm-corrected over the figures.
 
     Args:
         first, second: ``run_figures`` of the two cells, of the same seed; rows with the same run number are a pair.
         figures: columns of both tables that can be compared (``RunFigure.better``).
-        level: confidence level of the intervals. seed: of the sign flips. test: gives interval and p-value.
+        level: confidence level of the intervals.
     Returns: one comparison per figure, in the order of ``figures``.
     Raises:
-        InputError: a figure that cannot be compared, no run in both cells, or a level outside (0, 1).
+        InputError: a figure that cannot be compared, or no run in both cells.
     """
-    check_level(level)
     known = [name for name, figure in BY_COLUMN.items() if figure.better]
     for name in figures:
         if name not in known:
@@ -134,7 +127,7 @@ def compare(
     if both.is_empty():
         raise InputError("the two cells have no run in common; give cells of one seed", field="second")
     in_one_only = first.height + second.height - 2 * both.height  # number of runs that only one cell has
-    compared = [_compare_one(both, figure, in_one_only, level, seed, test) for figure in figures]
+    compared = [_compare_one(both, figure, in_one_only, level) for figure in figures]
     corrected = holm([paired.p_value for paired in compared])
     return tuple(replace(paired, p_holm=p) for paired, p in zip(compared, corrected, strict=True))
 
@@ -151,8 +144,6 @@ def difference(
     first: ArrayLike,
     second: ArrayLike,
     level: float = 0.95,
-    seed: int = 0,
-    test: Test = sign_flip,
     most: float = math.nan,
 ) -> Tested:
     """Estimate and test the mean of first - second, of values that no table of figures has, (runs,) each.
@@ -164,32 +155,29 @@ def difference(
             that was not seen is as large as the values of all runs here, and 0, are apart.
     """
     d = differences(first, second)
-    found, unseen = test(d, level, seed), most
+    found, unseen = student_test(d, level), most
     if math.isnan(most):
         unseen = float(np.ptp(np.append(without_nan(np.asarray((first, second), dtype=np.float64)), 0.0)))
     interval = allowing_for_rare(found.interval, d, unseen)
     p_value = found.p_value
-    if interval != found.interval and not interval.excludes(0.0):  # sign flips know no rare runs either
+    if interval != found.interval and not interval.excludes(0.0):
         p_value = max(p_value, 1.0 - level)
     # Too few pairs have no limits, and keep none.
     return Tested(within(interval, -most, most) if math.isfinite(interval.low) else interval, p_value)
 
 
-def _compare_one(
-    both: pl.DataFrame, figure: str, in_one_only: int, level: float, seed: int, test: Test
-) -> Paired:
+def _compare_one(both: pl.DataFrame, figure: str, in_one_only: int, level: float) -> Paired:
     """Compare one figure over the runs that have it in both cells; ``p_holm`` is the p-value, not corrected yet.
 
     Args:
         both: one row for each run that both cells have. Columns of the first cell have the names of their figures;
             those of the second cell end in ``_second``.
         in_one_only: number of runs that only one cell has.
-        level, seed, test: as of ``compare``.
     """
     values = both.select(first=pl.col(figure), second=pl.col(f"{figure}_second")).drop_nulls()
     a, b = (values[name].cast(pl.Float64).to_numpy() for name in ("first", "second"))
     of_figure = BY_COLUMN[figure]
-    interval, p_value = difference(a, b, level, seed, test, of_figure.most_apart)
+    interval, p_value = difference(a, b, level, of_figure.most_apart)
     d = differences(a, b)
     better = d * of_figure.better
     return Paired(

@@ -36,9 +36,9 @@ from threadpoolctl import threadpool_limits
 from vibroswarm.analysis.intervals import (
     Interval,
     allowing_for_rare,
+    bounded_mean,
     finite_limits,
     pseudo_values,
-    share_interval,
     student_test,
     within,
 )
@@ -258,7 +258,7 @@ def classifier_accuracy(
         [[_accuracy_between(own, other, robots) for other in simulated_stretches] for own in real_stretches]
     )
     return ClassifierAccuracy(
-        simulated=share_interval(_trained_together(by_session)),
+        simulated=bounded_mean(_trained_together(by_session)),
         simulated_by_robot=within(allowing_for_rare(over_sessions(pairs), pairs.mean(axis=1), 1.0), 0.0, 1.0),
         real=_accuracy_among(real_stretches, robots),
         by_session=tuple(by_session),
@@ -351,4 +351,4 @@ def _accuracy_among(sessions: list[Stretches], robots: list[int]) -> Interval | 
     by_session = [
         float(np.mean([accuracy for pair, accuracy in accuracies.items() if i in pair])) for i in numbers
     ]
-    return share_interval(pseudo_values(by_session))
+    return bounded_mean(pseudo_values(by_session))

@@ -352,7 +352,7 @@ def _levels(outcome: Outcome) -> str:
 
 _COMPARED_WORDS: Final = (
     "Cells with one seed have the same motion and noise in each run, so they are compared in pairs of runs. Intervals "
-    "are from sign flips, and allow for rare differences that did not occur; p-values are corrected over all "
+    "are Student's, and allow for rare differences that did not occur; p-values are corrected over all "
     "comparisons (Holm)."
 )
 

@@ -39,12 +39,10 @@ from vibroswarm.analysis.intervals import (
     columns_of,
     mean_interval,
     plain,
-    sign_flip,
-    student_test,
     within,
 )
 from vibroswarm.analysis.map_figures import MAPPED
-from vibroswarm.analysis.paired import Paired, Test, compare, holm
+from vibroswarm.analysis.paired import Paired, compare, holm
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import strategy_used
@@ -238,13 +236,12 @@ class Standings:
         return np.asarray((of_floors if floors is None else of_floors[list(floors)]).mean(axis=0))
 
     def _compared(
-        self, reference: str | None, parts: Sequence[Sequence[int] | None], test: Test
+        self, reference: str | None, parts: Sequence[Sequence[int] | None]
     ) -> Iterator[tuple[dict[str, str], int, Paired]]:
         """Compare each entry with a reference on parts of the floors, unit by unit; see ``paired.compare``.
 
         Args:
-            reference: see ``reference_in``. parts: indices of the floors of each part; None: all floors. test: of
-                the differences.
+            reference: see ``reference_in``. parts: indices of the floors of each part; None: all floors.
         Yields: figure by figure, entry by entry and part by part: what names the row of a table; the part's place;
             the comparison, whose ``p_holm`` is corrected over entries and parts, for each figure by itself.
         """
@@ -252,9 +249,7 @@ class Standings:
         against = reference_in(self.league.entries, reference)
         of_reference = [self._by_unit(names.index(against), part) for part in parts]
         places = [(k, j) for k, name in enumerate(names) if name != against for j in range(len(parts))]
-        compared = [
-            compare(self._by_unit(k, parts[j]), of_reference[j], COMPARED, test=test) for k, j in places
-        ]
+        compared = [compare(self._by_unit(k, parts[j]), of_reference[j], COMPARED) for k, j in places]
         for found in zip(*compared, strict=True):  # of each figure
             corrected = holm([one.p_value for one in found])
             for (k, j), one, p_holm in zip(places, found, corrected, strict=True):
@@ -373,7 +368,7 @@ class Standings:
         Args:
             reference: see ``reference_in``.
         Returns: one row per figure of ``COMPARED`` and entry: name, reference, figure, difference (entry - reference)
-            with its 95 % limits, p_value of the sign-flip test, p_holm (corrected over the entries, for each figure by
+            with its 95 % limits, p_value of a paired t-test, p_holm (corrected over the entries, for each figure by
             itself). Empty for a single entry.
         Raises:
             InputError: no entry is so named.
@@ -386,7 +381,7 @@ class Standings:
                 "p_value": plain(one.p_value),
                 "p_holm": plain(one.p_holm),
             }
-            for named, _, one in self._compared(reference, [None], sign_flip)
+            for named, _, one in self._compared(reference, [None])
         ]
         return pl.DataFrame(rows, schema=DIFFERENCES)
 
@@ -412,9 +407,7 @@ class Standings:
                 "p_value": plain(one.p_value),
                 "p_holm": plain(one.p_holm),
             }
-            for named, place, one in self._compared(
-                reference, [[k] for k in range(len(floors))], student_test
-            )
+            for named, place, one in self._compared(reference, [[k] for k in range(len(floors))])
         ]
         return pl.DataFrame(rows, schema=FLOOR_DIFFERENCES)
 

@@ -209,7 +209,7 @@ class Objective:
         """Compute the score with its confidence interval.
 
         With one case and at least two runs, the interval of a mean is Student's, that of a mean of shares
-        ``share_interval``, that of a share of runs Wilson's, and that of a quantile uses order statistics. That of a
+        ``bounded_mean``, that of a share of runs Wilson's, and that of a quantile uses order statistics. That of a
         mean + sd is a bootstrap-t. Every other interval is a bootstrap over runs. The limits of the worst of several
         cases are the highest of the cases. A score that cannot be negative has no finite limit below 0. Student's
         limits and those of a bootstrap are infinite where ``few_differ``, those of a mean + sd with fewer than

@@ -23,7 +23,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import Interval, cluster_share, plain, time_interval
+from vibroswarm.analysis.intervals import Interval, bounded_mean, cluster_share, plain
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.numbers import count, number, percent, stated_percent, verb
 from vibroswarm.errors import InputError, whole_number_of
@@ -341,7 +341,7 @@ def _parts(rows: Rows) -> dict[str, Interval]:
     """
     time_s, wrong, decided, robots, t_end_s = np.moveaxis(rows, 2, 0)  # (runs, cases) each
     of_cases: dict[str, Callable[[int, float], Interval]] = {
-        "decision_time_s": lambda k, at: time_interval(time_s[:, k], float(t_end_s[0, k]), at),
+        "decision_time_s": lambda k, at: bounded_mean(time_s[:, k], 0.0, float(t_end_s[0, k]), at),
         # nan in a case in which no robot decided; ``robots_undecided`` covers such a case
         "robot_error": lambda k, at: cluster_share(wrong[:, k], decided[:, k], at),
         "robots_undecided": lambda k, at: cluster_share(robots[:, k] - decided[:, k], robots[:, k], at),

@@ -35,7 +35,7 @@ def draw_forest(
     frame: pl.DataFrame,
     *,
     label: str = "difference of decision time (s)",
-    interval: str = "95 % sign-flip interval",
+    interval: str = "95 % interval",
     better: str | None = None,
     title: str = "",
     style: str = "column",

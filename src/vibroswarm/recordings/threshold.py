@@ -27,7 +27,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.decidability import Decidability, decidability_of_share, observed_share
-from vibroswarm.analysis.intervals import Interval, share_interval, student_factor
+from vibroswarm.analysis.intervals import Interval, bounded_mean, student_factor
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
 from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.numbers import stated
@@ -385,7 +385,7 @@ def at_threshold(
         high=high,
         all_samples=rates(data, value, chosen=np.ones(bits.size, dtype=np.bool_)),
         inner_samples=rates(data, value, chosen=far_from_edges),
-        share_by_session=share_interval(by_session),
+        share_by_session=bounded_mean(by_session),
         decidable=_decidable(data, bits, value, recording),
     )
 
