@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm import preset
-from vibroswarm.analysis.forced_error import front_of, on_line
+from vibroswarm.analysis.fronts import front_of, on_line
 from vibroswarm.analysis.paired import drawn_interval
 from vibroswarm.league.entries import entries_of, floors_of, frozen_settings, read_settings
 from vibroswarm.league.fronts import drawn_means

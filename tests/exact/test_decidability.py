@@ -153,23 +153,13 @@ def test_a_measured_share_near_the_boundary_cannot_be_told_from_it() -> None:
     assert decidability_of_share(0.44, 0.5, 0, effective_samples=1500).verdict == "decidable"
 
 
-def test_an_observed_share_counts_tiles_alike_and_knows_its_error() -> None:
+def test_an_observed_share_counts_tiles_alike() -> None:
     random = generator(8, "tiles")
     rates = random.beta(1.0, 1.0, 25)
-    number = (20 + 150 * rates).astype(int)
-    tile = np.repeat(np.arange(25), number)
-    found = [observed_share(tile, random.random(tile.size) < rates[tile]) for _ in range(500)]
-    shares = np.array([f.share for f in found])
-    assert shares.mean() == pytest.approx(rates.mean(), abs=0.003)
-    assert shares.std() == pytest.approx(np.mean([f.standard_error for f in found]), rel=0.12)
-    plain = np.mean([(random.random(tile.size) < rates[tile]).mean() for _ in range(100)])
-    assert abs(plain - rates.mean()) > 0.01  # uneven visits: the plain share is another thing
-    held = [
-        f.share - 1.96 * f.standard_error < rates.mean() < f.share + 1.96 * f.standard_error for f in found
-    ]
-    assert 0.92 <= np.mean(held) <= 0.98
-    none = observed_share([-1], [1])
-    assert (none.tiles, none.effective_samples) == (0, 0.0)
+    tile = np.repeat(np.arange(25), (20 + 150 * rates).astype(int))
+    drawn = [random.random(tile.size) < rates[tile] for _ in range(200)]
+    assert np.mean([observed_share(tile, bits) for bits in drawn]) == pytest.approx(rates.mean(), abs=0.005)
+    assert abs(np.mean(drawn) - rates.mean()) > 0.01  # uneven visits: the plain share is another thing
 
 
 def test_a_floor_outside_the_arena_is_refused() -> None:

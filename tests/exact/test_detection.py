@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.analysis.detection import detection_curve, needed, pairs
+from vibroswarm.analysis.fronts import pareto_front
 from vibroswarm.analysis.intervals import generator, wilson
-from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.documents.detection import detection_document, hardest
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.scenario.scenario import preset

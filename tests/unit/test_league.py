@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from helpers.commands import json_of, output_of, refusal_of
 from helpers.forked import FORKED
 from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.forced_error import front_of
+from vibroswarm.analysis.fronts import front_of
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import forced_errors

@@ -15,7 +15,7 @@ import pytest
 
 from helpers import search_functions as functions
 from helpers.search_functions import steps_of
-from vibroswarm.analysis.pareto import pareto_front
+from vibroswarm.analysis.fronts import pareto_front
 from vibroswarm.documents.search import search_document
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.archive import Archive

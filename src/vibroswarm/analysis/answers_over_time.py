@@ -250,7 +250,8 @@ def _delay_s(course: Course) -> float:
     delays = []
     for since_s, end_s, truth in course.truth.spans(course.end_s)[1:]:
         if not math.isnan(truth) and _answer_before(course, since_s) != truth:
-            delays.append(_first_time(course.swarm, truth, since_s, end_s) - since_s)
+            again = (one.since_s for one in course.swarm if one.answer == truth and one.since_s >= since_s)
+            delays.append(min(next(again, end_s), end_s) - since_s)
     return float(np.mean(delays)) if delays else math.nan
 
 
@@ -258,12 +259,6 @@ def _answer_before(course: Course, time_s: float) -> int | None:
     """Return the swarm's answer just before a time."""
     before = [one.answer for one in course.swarm if one.since_s < time_s]
     return before[-1] if before else course.presumed
-
-
-def _first_time(swarm: list[Answer], truth: float, since_s: float, end_s: float) -> float:
-    """Return the first time from ``since_s`` on at which the swarm comes to the answer ``truth``; at most ``end_s``."""
-    times_s = (one.since_s for one in swarm if since_s <= one.since_s < end_s and one.answer == truth)
-    return next(times_s, end_s)
 
 
 def _false_changes(course: Course) -> int:

@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -217,45 +217,21 @@ def decidability_of_share(
     )
 
 
-class ObservedShare(NamedTuple):
-    """Share of ones with equal weight for each tile, and how precise it is."""
-
-    share: float
-    """The share; nan without samples on tiles."""
-    standard_error: float
-    """Standard error of the share; nan without samples on tiles."""
-    effective_samples: float
-    """Number of independent samples whose share of ones would have this standard error; 0 without samples on tiles."""
-    tiles: int
-    """Number of tiles that were sampled; others are left out."""
-
-
-def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:
+def observed_share(tile: ArrayLike, bits: ArrayLike) -> float:
     """Estimate the share of ones if each tile were sampled equally often, from the tiles that were sampled.
 
-    It is the mean over tiles of each tile's share of ones, so that unequal numbers of samples per tile do not matter.
-    The share of ones of a tile with n samples has the variance p (1 - p) / n. The sum of these variances over tiles,
-    divided by the squared number of tiles, is the variance of the mean. In it p = (ones + 1/2) / (n + 1), because the
-    share of ones itself would give a tile whose bits are all equal the variance 0. Without a sample on any tile, share
-    and standard error are nan.
+    It is the mean over tiles of each tile's share of ones, so that unequal numbers of samples per tile do not matter;
+    nan without samples on tiles.
 
     Args:
         tile: index of the tile of each sample, -1 off all tiles, where the sample is left out. bits: the bit of each
             sample; both of shape (samples,).
     """
-    tile_of, bit = np.asarray(tile, dtype=np.int64).ravel(), np.asarray(bits, dtype=np.float64).ravel()
+    tile_of, bit = np.asarray(tile, dtype=np.int64), np.asarray(bits, dtype=np.float64)
     on = tile_of >= 0
     visits = np.bincount(tile_of[on])
-    ones, n = np.bincount(tile_of[on], bit[on])[visits > 0], visits[visits > 0].astype(np.float64)
-    if n.size == 0:
-        return ObservedShare(share=math.nan, standard_error=math.nan, effective_samples=0.0, tiles=0)
-    share, smooth = float((ones / n).mean()), (ones + 0.5) / (n + 1.0)
-    variance = float((smooth * (1.0 - smooth) / n).sum()) / n.size**2
-    # Variance of a single independent sample: q (1 - q) with the share q. It is at least the mean of the tiles' p (1 -
-    # p), which is above 0 even if all bits are equal. Divided by the variance of the share, it gives the effective
-    # number of samples.
-    variance_of_one = max(share * (1.0 - share), float((smooth * (1.0 - smooth)).mean()))
-    return ObservedShare(share, math.sqrt(variance), variance_of_one / variance, n.size)
+    ones = np.bincount(tile_of[on], bit[on])
+    return float((ones[visits > 0] / visits[visits > 0]).mean()) if on.any() else math.nan
 
 
 @lru_cache(maxsize=256)

@@ -113,12 +113,8 @@ class Swarms:
             t_end_s: end of a run, s. agreements: ``analysis.answers_over_time.AGREEMENTS``; None: decisions are final.
             costs: of the cell's scenario, ``outcomes.costs_of``.
         Raises:
-            InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
+            InputError: the tables have different runs, or a run occurs twice.
         """
-        if not t_end_s > 0:
-            raise InputError(
-                f"{t_end_s!r} cannot be the end of a run; give a time above 0, s", field="t_end_s"
-            )
         robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
         runs = runs.sort("run")
         number = robots["run"].to_numpy()
@@ -596,7 +592,7 @@ def run_figures(
         costs: of the cell's scenario, ``outcomes.costs_of``; None: two answers, mistakes that cost the same.
     Returns: run, truth, consensus, numbers of robots, and a column for each figure; null where a run does not have it.
     Raises:
-        InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
+        InputError: the tables have different runs, or a run occurs twice.
     """
     swarms = Swarms.of_tables(robots, runs, t_end_s, agreements, costs)
     return figures_table(swarms, runs.sort("run").select("run", "truth", "consensus"))

@@ -53,7 +53,6 @@ from vibroswarm.analysis.intervals import (
     within,
     without_nan,
 )
-from vibroswarm.errors import InputError, nearest
 
 COMPARED: Final = tuple(figure.by_run for figure in FIGURES if figure.compared)
 """Columns of ``figures.run_figures`` that are compared by default."""
@@ -113,19 +112,8 @@ def compare(
         figures: columns of both tables that can be compared (``RunFigure.better``).
         level: confidence level of the intervals.
     Returns: one comparison per figure, in the order of ``figures``.
-    Raises:
-        InputError: a figure that cannot be compared, or no run in both cells.
     """
-    known = [name for name, figure in BY_COLUMN.items() if figure.better]
-    for name in figures:
-        if name not in known:
-            raise InputError(
-                f"'{name}' cannot be compared{nearest(name, known)}; there are {', '.join(known)}",
-                field="figures",
-            )
     both = first.join(second, on="run", how="inner", suffix="_second").sort("run")
-    if both.is_empty():
-        raise InputError("the two cells have no run in common; give cells of one seed", field="second")
     in_one_only = first.height + second.height - 2 * both.height  # number of runs that only one cell has
     compared = [_compare_one(both, figure, in_one_only, level) for figure in figures]
     corrected = holm([paired.p_value for paired in compared])
@@ -259,10 +247,5 @@ def equivalent(interval: Interval, margin: float) -> bool:
     A 95 % interval gives two one-sided tests at 2.5 % each; for tests at 5 % give a 90 % interval. The result is always
     false for an interval of width 0, which says nothing of how differences vary. If a few large differences dominate
     the mean, the tests are wrong more often than at these levels.
-
-    Raises:
-        InputError: a margin that is not above 0.
     """
-    if not margin > 0:
-        raise InputError(f"{margin!r} is not a margin; give a number above 0", field="margin")
     return bool(-margin < interval.low < interval.high < margin)

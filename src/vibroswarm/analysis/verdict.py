@@ -80,8 +80,6 @@ class Verdict:
     decision_boundary: float
     answers: tuple[str, ...]
     """The meaning of decisions 0, 1 and so on in words."""
-    of_shares: bool
-    """Whether the question is about the share of vibrating tiles."""
     right: int
     """Number of robots that decided right."""
     wrong: int
@@ -144,7 +142,6 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         fill_ratio=fill,
         decision_boundary=result.scenario.decision.decision_boundary,
         answers=answers_of(result.scenario),
-        of_shares=result.scenario.task.name == "fill_ratio",
         right=summary["right"],
         wrong=summary["wrong"],
         undecided=summary["undecided"],

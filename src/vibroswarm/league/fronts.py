@@ -35,7 +35,7 @@ import polars as pl
 
 from vibroswarm.analysis import paired
 from vibroswarm.analysis.best_group import best_group
-from vibroswarm.analysis.forced_error import METHOD, front_of, on_line
+from vibroswarm.analysis.fronts import METHOD, front_of, on_line
 from vibroswarm.analysis.intervals import columns_of, plain, within
 from vibroswarm.analysis.paired import LEAST_KNOWN
 from vibroswarm.inference.outcomes import Array, costs_of

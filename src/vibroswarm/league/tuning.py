@@ -38,7 +38,7 @@ import numpy as np
 import polars as pl
 import tomli_w
 
-from vibroswarm.analysis.forced_error import front_of
+from vibroswarm.analysis.fronts import front_of
 from vibroswarm.core.numbers import count, listed, rounded
 from vibroswarm.errors import InputError, check_kind, check_known_keys, in_file
 from vibroswarm.inference.outcomes import Array

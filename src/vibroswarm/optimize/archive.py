@@ -13,7 +13,7 @@ from itertools import accumulate, compress, pairwise
 
 import numpy as np
 
-from vibroswarm.analysis.pareto import pareto_front
+from vibroswarm.analysis.fronts import pareto_front
 from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.space import Point, Space, Values
 

@@ -23,8 +23,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.fronts import pareto_front
 from vibroswarm.analysis.intervals import Interval, bounded_mean, cluster_share, plain
-from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.numbers import count, number, percent, stated_percent, verb
 from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.optimize.evaluate import RunFigures, derived_seed, figures_of

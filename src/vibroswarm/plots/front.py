@@ -9,7 +9,7 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.analysis.pareto import pareto_front
+from vibroswarm.analysis.fronts import pareto_front
 from vibroswarm.core.numbers import count
 from vibroswarm.plots.curves import thinned
 from vibroswarm.plots.inputs import run_counts, tidy

@@ -375,7 +375,7 @@ def at_threshold(
     bits = data.energy > number_of(value, "value")
     sessions = np.unique(data.session)
     by_session = [
-        observed_share(data.tile[data.session == session], bits[data.session == session]).share
+        observed_share(data.tile[data.session == session], bits[data.session == session])
         for session in sessions
     ]
     return Threshold(
@@ -527,10 +527,10 @@ def _decidable(data: Labelled, bits: Bools, threshold: float, recording: Recordi
     n = by_robot.size
     error = student_factor(n, 0.95) * math.sqrt(n / (n - 1) * float(by_robot @ by_robot)) if n > 1 else 0.0
     if error > 0.0:
-        effective = min(effective, observed.share * (1.0 - observed.share) / error**2)
+        effective = min(effective, observed * (1.0 - observed) / error**2)
     truth = recording.runs["truth"][0]  # all sessions have the same floor
     boundary = recording.scenario.decision.decision_boundary
-    return decidability_of_share(observed.share, boundary, truth, effective_samples=effective)
+    return decidability_of_share(observed, boundary, truth, effective_samples=effective)
 
 
 def _robots(data: Labelled) -> Ints:

@@ -1,4 +1,4 @@
-"""Compute fronts of time against error, with straight lines between their points.
+"""Compute fronts of points: of time against error, with straight lines between them, and of any figures.
 
 Every strategy can be made faster by letting it err more often. Each of its settings is a point (decision time, error).
 The front consists of the points for which no other point is at least as good in both. Every point of a line between two
@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.inference.outcomes import Array
 
@@ -37,3 +38,20 @@ def front_of(time_s: Array, error: Array) -> tuple[Array, Array]:
 def on_line(value: float, x: Array, y: Array) -> float:
     """Interpolate y linearly at x = ``value``; nan outside the range of ``x``, which rises."""
     return float(np.interp(value, x, y)) if x[0] <= value <= x[-1] else np.nan
+
+
+def pareto_front(*figures: ArrayLike) -> NDArray[np.bool_]:
+    """Return which points are on the Pareto front, (points,).
+
+    Args:
+        figures: one or more figures of the points, (points,) each; less is better. A point with a figure of nan is not
+            on the front.
+    """
+    rows = np.column_stack([np.asarray(figure, dtype=np.float64) for figure in figures])
+    front = np.zeros(len(rows), dtype=np.bool_)
+    # By the first figure, at equal ones by the second and so on: no point is dominated by a later one only.
+    for k in np.lexsort(rows.T[::-1]):
+        best, own = rows[front], rows[k]
+        dominates = (best <= own).all(axis=1) & (best < own).any(axis=1)
+        front[k] = not (dominates.any() or np.isnan(own).any())
+    return front
