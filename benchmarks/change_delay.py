@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm import Result, Scenario, preset, replay, simulate
-from vibroswarm.analysis.answers_over_time import swarm_answers
+from vibroswarm.analysis.answers_over_time import course_of
 from vibroswarm.analysis.intervals import Interval, mean_interval, wilson
 
 TUNING_SEED, TEST_SEED, CHANGE_S, END_S, FROM_S = 41, 42, 1200.0, 2400.0, 600.0
@@ -175,7 +175,11 @@ def tested(moved: Result, scenario: Scenario) -> tuple[NDArray[np.bool_], NDArra
     result = replay(moved, scenario)
     left, delay = [], []
     for run in result.runs["run"].to_list():
-        answers = swarm_answers(result, run)
+        rows = result.motion.filter(run=run)
+        columns = (rows["robot"].to_numpy(), rows["time_s"].to_numpy())
+        decision = result.inference.filter(run=run)["decision"].to_numpy()
+        counts = np.ones(scenario.swarm.robots, dtype=np.bool_)
+        answers = course_of(scenario, result.floor(run), *columns, decision, counts, END_S).swarm
         time_s = np.array([0.0, *(one.since_s for one in answers)])
         answer = np.array([-1, *(one.answer for one in answers)])
         has_left, delay_s = judged(time_s, answer)

@@ -13,7 +13,6 @@ from vibroswarm.analysis.decidability import (
     decidability_of_share,
     observed_share,
     samples_needed,
-    samples_needed_of_kinds,
 )
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.verdict import verdict
@@ -106,19 +105,6 @@ def test_ones_are_expected_of_each_stage_for_as_long_as_it_lasts() -> None:
     felt = 0.3 * 0.24 + 0.7 * 0.76
     expected = felt * (1.0 - negative) + (1.0 - felt) * positive
     assert verdict(simulate(scenario, 3, 1)).share_of_ones_expected == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    "shares", [(0.4, 0.36, 0.24), (0.3, 0.3, 0.4), (0.2, 0.35, 0.25, 0.2), (0.55, 0.45, 0.0)]
-)
-def test_samples_needed_of_kinds_are_those_of_drawn_readings(shares):
-    kind = int(np.argmax(shares))
-    needed = samples_needed_of_kinds(shares, kind)
-    for n, low, high in ((needed, 0.045, 0.053), (2 * needed, 0.0, 0.025)):  # the second is a control
-        counts = np.random.default_rng(n).multinomial(n, shares, size=40_000)
-        wrong = np.mean(counts[:, kind] <= np.delete(counts, kind, axis=1).max(axis=1))
-        assert low < wrong < high
-    assert samples_needed_of_kinds((0.4, 0.4, 0.2), 0) is None
 
 
 def test_samples_needed_by_brute_force() -> None:

@@ -249,16 +249,11 @@ def _delay_s(course: Course) -> float:
     """Return the mean delay of the swarm's new answer over changes to another truth; nan without one to notice."""
     delays = []
     for since_s, end_s, truth in course.truth.spans(course.end_s)[1:]:
-        if not math.isnan(truth) and _answer_before(course, since_s) != truth:
+        before = [course.presumed, *(one.answer for one in course.swarm if one.since_s < since_s)]
+        if not math.isnan(truth) and before[-1] != truth:
             again = (one.since_s for one in course.swarm if one.answer == truth and one.since_s >= since_s)
             delays.append(min(next(again, end_s), end_s) - since_s)
     return float(np.mean(delays)) if delays else math.nan
-
-
-def _answer_before(course: Course, time_s: float) -> int | None:
-    """Return the swarm's answer just before a time."""
-    before = [one.answer for one in course.swarm if one.since_s < time_s]
-    return before[-1] if before else course.presumed
 
 
 def _false_changes(course: Course) -> int:
@@ -348,13 +343,3 @@ def answers_in(result: Result) -> pl.DataFrame:
     ends = result.runs.filter(pl.col("run").is_in(runs)).sort("run")["end_s"].to_numpy()
     floors = {run: result.floor(run) for run in runs}
     return answers_table(result.scenario, result.seed, floors, columns, ends)
-
-
-def swarm_answers(result: Result, run: int) -> list[Answer]:
-    """Return the swarm's answers in a run, and since when it gave each; empty if it never agreed."""
-    rows = result.motion.filter(pl.col("run") == run)
-    decision = result.inference.filter(pl.col("run") == run)["decision"].to_numpy()
-    counts = _counting(result.scenario, result.seed, [run])[0]
-    end_s = float(result.runs.filter(pl.col("run") == run)["end_s"][0])
-    columns = (rows["robot"].to_numpy(), rows["time_s"].to_numpy(), decision)
-    return course_of(result.scenario, result.floor(run), *columns, counts, end_s).swarm

@@ -9,8 +9,7 @@ where the fill ratio is above the boundary, and below where it is below.
 | tested boundary | q(x) | what robots compare the share of ones with: x itself, or q of a floor whose f is x |
 | share of ones expected | q | ``decision_boundary.expected_ones_on``, at uniformly random places of the arena |
 | margin | - | q - q(x) where f > x, q(x) - q where f < x: above 0 is the right side |
-| samples needed | n | P(share of n independent bits is not on q's side of q(x)) <= error; of several kinds see \
-``samples_needed_of_kinds`` |
+| samples needed | n | P(share of n independent bits is not on q's side of q(x)) <= error |
 
 With ``boundary_of = "readings"`` robots treat each bit as if the sensor made no errors: q(x) = x. If false positives
 and false negatives do not balance at the boundary, q is on the wrong side for fill ratios near the boundary, and **more
@@ -32,7 +31,7 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import bdtr, bdtrc, ndtr, ndtri
+from scipy.special import bdtr, bdtrc, ndtri
 
 from vibroswarm.analysis.intervals import ForJson, wilson_limits
 from vibroswarm.core.numbers import percent
@@ -63,8 +62,6 @@ ON = 1e-9
 """A share closer to the boundary than this is on it."""
 _EXACT_UP_TO = 100_000
 """Above this number, ``samples_needed`` uses the normal approximation."""
-_NODES = 64
-"""Points of the Gauss-Hermite rule of ``samples_needed_of_kinds``."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,7 @@ class Decidability(ForJson):
     effective_samples: float | None = None
     """Number of independent samples behind a measured share."""
     samples_needed: int | None = None
-    """Independent samples for the wanted error; None unless the verdict is "decidable"."""
+    """Independent samples for the wanted error; None unless two kinds of tile are decidable."""
     threshold: float | None = None
     """The sensor's threshold theta; None if it reads without one."""
 
@@ -126,7 +123,7 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     fill = floor.fill_ratio_within(*size)
     truth = truth_on(scenario, floor, fill)
     if max(sensor.kinds, sensor.readings) > 2:
-        found = _of_kinds(scenario, floor, truth, error)
+        found = _of_kinds(scenario, floor, truth)
     else:
         share = expected_ones_on(sensor, floor, size)
         found = decidability_of_share(share, readings_boundary(scenario), truth, error=error)
@@ -155,7 +152,7 @@ def _is_assessed(scenario: Scenario, floor: Floor, found: Decidability) -> bool:
     return not knows_rates or found.truth is None or found.verdict == "decidable"
 
 
-def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None, error: float) -> Decidability:
+def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None) -> Decidability:
     """Return whether the most common kind of tile, ``truth``, is read most often on this floor."""
     sensor, boundary = scenario.sensor, scenario.decision.decision_boundary
     shares = expected_classes_on(sensor, floor, (scenario.arena.width_m, scenario.arena.height_m))
@@ -169,8 +166,7 @@ def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None, error: float)
         return _with_verdict(found, "on the boundary", seen)
     if margin < 0.0:
         return _with_verdict(found, "wrong side", f"{seen}, but kind {truth} is the most common")
-    needed = samples_needed_of_kinds(shares, truth, error)
-    return replace(_with_verdict(found, "decidable", seen), samples_needed=needed)
+    return _with_verdict(found, "decidable", seen)
 
 
 def decidability_of_share(
@@ -264,34 +260,3 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
         wrong = bdtrc(np.ceil(boundary * n - ON) - 1, n, share)  # P(ones >= boundary n)
     over = np.flatnonzero(wrong > error)
     return int(n[over[-1]]) + 1 if over.size else 1
-
-
-def samples_needed_of_kinds(shares: ArrayLike, kind: int, error: float = 0.05) -> int | None:
-    """Compute how many independent samples show that a kind of tile is read most often.
-
-    Numbers of readings are taken as independent and normal, those of kind j with mean and variance n q_j.
-
-    Args:
-        shares: q_j, of the samples that read as each class. kind: the one with the largest share. error: wanted
-            probability that another kind is read as often, or more.
-    Returns: None if no number is enough: another kind has the same share.
-    """
-    all_shares = np.asarray(shares, dtype=np.float64)
-    own, others = float(all_shares[kind]), np.delete(all_shares, kind)
-    if own - others.max() < ON:
-        return None
-    z, weight = np.polynomial.hermite_e.hermegauss(_NODES)
-    others = others[others > 0.0]
-
-    def wrong(n: float) -> float:
-        # 0.5: numbers are whole, and equal ones do not show it.
-        apart = n * (own - others) - 0.5 + math.sqrt(n * own) * z[:, None]
-        return 1.0 - float(weight @ ndtr(apart / np.sqrt(n * others)).prod(axis=1)) / float(weight.sum())
-
-    low, high = 0.0, 1.0
-    while wrong(high) > error:
-        low, high = high, 2.0 * high
-    while high - low > 0.5:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if wrong(middle) > error else (low, middle)
-    return math.ceil(high)

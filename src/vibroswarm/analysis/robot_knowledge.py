@@ -60,16 +60,17 @@ COUNTED: Final = {
     "own": "own samples",
 }
 """What a gate counts, in words."""
+_COLUMNS: Final = {
+    "total": ("samples", "messages_received"),
+    "own": ("samples",),
+    "received": ("messages_received",),
+}
+"""What it counts, by columns of the table of robots."""
 
 
 def counted(gate: str) -> pl.Expr:
     """Return the most that a robot has of what a gate counts, from the columns of the table of robots at the end."""
-    columns = {
-        "total": ("samples", "messages_received"),
-        "own": ("samples",),
-        "received": ("messages_received",),
-    }
-    return pl.sum_horizontal(columns[gate]).max()
+    return pl.sum_horizontal(_COLUMNS[gate]).max()
 
 
 def gate_unreached(scenario: Scenario, most: int | None) -> str:
