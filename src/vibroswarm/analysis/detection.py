@@ -79,7 +79,7 @@ def detection_curve(
         for unit, shares in (("", by_swarms), ("robots_", by_robots)):
             for end, other in (("", ""), ("_low", "_high"), ("_high", "_low")):
                 wrong = shares[f"wrong{end}"]
-                alarm = wrong if about["truth"] == 0 else pl.lit(None, pl.Float64)
+                alarm: pl.Series | pl.Expr = wrong if about["truth"] == 0 else pl.lit(None, pl.Float64)
                 frame = frame.with_columns(
                     (1.0 - shares[f"right{other}"]).alias(f"{unit}missed{end}"),
                     wrong.alias(f"{unit}wrong{end}"),

@@ -356,23 +356,17 @@ def _forced_error(swarms: Swarms) -> Array:
     return swarms.mean(forced_errors(swarms.robots["decision"], in_truth, truth, costs))
 
 
-def _agreed_on(answer: int) -> Callable[[Swarms], Array]:
+def _agreed_on(chosen: Callable[[Array], Array]) -> Callable[[Swarms], Array]:
+    """Return whether all robots decided alike, on one of the chosen answers."""
+
     def of_run(swarms: Swarms) -> Array:
         decision = swarms.robots["decision"]
+        first = decision[swarms.first]
+        agreed = swarms.sum(1.0 * (decision == swarms.by_robot(first))) == swarms.count
         # The sum is nan if the decision of a robot is not logged.
-        unknown = np.isnan(swarms.sum(decision))
-        return np.where(unknown, np.nan, swarms.sum(1.0 * (decision == answer)) == swarms.count)
+        return np.where(np.isnan(swarms.sum(decision)), np.nan, agreed & chosen(first))
 
     return of_run
-
-
-def _agreed_on_other(swarms: Swarms) -> Array:
-    """Return whether all agreed on an answer beyond 0 and 1, of which tasks of several kinds have some."""
-    decision = swarms.robots["decision"]
-    agreed = 0.0 * swarms.sum(decision)  # nan if the decision of a robot is not logged
-    for answer in np.unique(decision[decision > 1]).tolist():
-        agreed += _agreed_on(answer)(swarms)
-    return agreed
 
 
 def _share(counted: str, among: str) -> Callable[[Swarms], Array]:
@@ -486,9 +480,9 @@ FIGURES: Final = (
         unit="s",
         column="consensus_time_s",
     ),
-    RunFigure("agreed_on_0", "agreed on answer 0", _agreed_on(0), "runs"),
-    RunFigure("agreed_on_1", "agreed on answer 1", _agreed_on(1), "runs"),
-    RunFigure("agreed_on_other", "agreed on another answer", _agreed_on_other, "runs"),
+    RunFigure("agreed_on_0", "agreed on answer 0", _agreed_on(lambda answer: answer == 0), "runs"),
+    RunFigure("agreed_on_1", "agreed on answer 1", _agreed_on(lambda answer: answer == 1), "runs"),
+    RunFigure("agreed_on_other", "agreed on another answer", _agreed_on(lambda answer: answer > 1), "runs"),
     RunFigure(
         "agreement_lasted", "lasted", lambda s: s.runs["agreement_held"], "runs", column="agreement_held"
     ),
