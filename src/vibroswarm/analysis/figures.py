@@ -356,7 +356,7 @@ def _forced_error(swarms: Swarms) -> Array:
     return swarms.mean(forced_errors(swarms.robots["decision"], in_truth, truth, costs))
 
 
-def _agreed_on(chosen: Callable[[Array], Array]) -> Callable[[Swarms], Array]:
+def _agreed_on(chosen: Callable[[Array], NDArray[np.bool_]]) -> Callable[[Swarms], Array]:
     """Return whether all robots decided alike, on one of the chosen answers."""
 
     def of_run(swarms: Swarms) -> Array:

@@ -94,8 +94,8 @@ def finite_limits(found: Interval | None) -> dict[str, float] | None:
     """Return estimate, low and high for JSON, without those that are not finite; None if there is no interval."""
     if found is None:
         return None
-    limits = zip(("estimate", "low", "high"), found, strict=False)
-    return {name: value for name, value in limits if math.isfinite(value)}
+    values = {"estimate": found.estimate, "low": found.low, "high": found.high}
+    return {name: value for name, value in values.items() if math.isfinite(value)}
 
 
 def jackknife_error(without: ArrayLike) -> float:
@@ -354,7 +354,8 @@ def allowing_for_rare(found: Interval, of_runs: ArrayLike, most: float) -> Inter
     d = without_nan(of_runs).round(9)
     if not np.isfinite(d).all() or not d.size:
         return found
-    apart = d - np.median(d)
+    usual = float(np.median(d))
+    apart = d - usual
     spread = np.median(np.abs(apart))
     if (
         np.abs(apart) > FAR * spread
@@ -363,14 +364,14 @@ def allowing_for_rare(found: Interval, of_runs: ArrayLike, most: float) -> Inter
     far = np.abs(apart) > FAR * spread
     if far.sum() >= FEW or (spread > 0.0 and not far.any()):
         return found
-    near = mean_interval(np.where(far, 0.0, apart), found.level)
+    near = mean_interval(np.where(far, usual, d), found.level)
     unseen = 0.0
     if spread == 0.0:
         unseen = float(np.abs(apart[far]).mean()) if far.any() else (most if math.isfinite(most) else 0.0)
     larger, smaller = (
         _rare_mean(sign * apart[far & (sign * apart > 0)], d.size, unseen, found.level) for sign in (1, -1)
     )
-    half, mean = near.high - near.estimate, near.estimate + float(np.median(d)) + larger[0] - smaller[0]
+    half, mean = near.high - near.estimate, near.estimate + larger[0] - smaller[0]
     low = mean - math.hypot(larger[0] - larger[1], smaller[2] - smaller[0], half)  # Newcombe 1998
     high = mean + math.hypot(larger[2] - larger[0], smaller[0] - smaller[1], half)
     return found._replace(low=min(found.low, low), high=max(found.high, high))

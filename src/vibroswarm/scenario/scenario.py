@@ -368,7 +368,7 @@ def _read_floor_file(values: dict[str, Any], folder: Path) -> None:
     Raises:
         InputError: there is no such file, or it is no floor.
     """
-    floor = values.get("floor")
+    floor: Any = values.get("floor")
     source = floor.get("source") if isinstance(floor, dict) and not {"tiles", "values"} & set(floor) else None
     if not isinstance(source, str) or is_generated(source) or family(source) is not None:
         return
@@ -378,7 +378,7 @@ def _read_floor_file(values: dict[str, Any], folder: Path) -> None:
     # If the folder has no such file, the source is taken as a path from the working directory; ``resolve`` raises the
     # error if there is no such file either.
     file = beside(source, folder)
-    found = fields_of_file(file, shape, floor.get("image_threshold"))  # type: ignore[arg-type]
+    found = fields_of_file(file, shape, floor.get("image_threshold"))
     floor.update({name: value for name, value in found.items() if value is not None})
 
 

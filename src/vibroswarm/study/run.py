@@ -34,7 +34,6 @@ import polars as pl
 from vibroswarm.core.atomic_io import make_folder
 from vibroswarm.core.child_python import processors, safe_start
 from vibroswarm.core.jit import is_cached
-from vibroswarm.core.user_code import interrupt_in
 from vibroswarm.errors import InputError, RunError, whole_number_of
 from vibroswarm.result import write_code
 from vibroswarm.scenario import plugins
@@ -213,12 +212,8 @@ def pool_for(executor: str | Executor = "threads", workers: int | None = None) -
     if isinstance(executor, Executor):
         yield Pool(executor, workers or int(getattr(executor, "_max_workers", None) or 16))
     elif executor == "threads":
-        known = set[int]()
-        with ThreadPoolExecutor(count, "vibroswarm", lambda: known.add(threading.get_ident())) as threads:
-            try:
-                yield Pool(threads, count)
-            finally:
-                interrupt_in(known)
+        with ThreadPoolExecutor(count, "vibroswarm") as threads:
+            yield Pool(threads, count)
     elif executor == "processes":
         with safe_start():
             processes = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _begin_process)

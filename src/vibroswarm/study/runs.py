@@ -177,7 +177,7 @@ class Runs(NotebookView):
     @cached_property
     def frame(self) -> pl.DataFrame:
         """A row for each cell and run, see the head of this module."""
-        rows = self.rows().drop("time_within")
+        rows = self.rows()
         after = {"decision_time_s": "undecided", "consensus_time_s": "swarm_undecided"}
         rows = rows.with_columns(
             pl.col(YES_OR_NO).cast(pl.Boolean), swarm_undecided=pl.col("consensus_time_s").is_null()

@@ -175,7 +175,7 @@ class Study:
             with suppress(InputError):  # it may fit together only with the values that vary
                 base = self._base({}, {}).model_dump(exclude_none=True)
         for part in (part for cell in self.cells for part in cell.scenario.choices if part.code is not None):
-            base.setdefault(part.kind, {}).setdefault(part.selected, part.defaults)
+            base.setdefault(part.kind, {}).setdefault(part.selected, part.entry.params().model_dump())
         return base
 
     def with_runs(self, runs: int) -> Study:
