@@ -337,22 +337,16 @@ def test_patches_appear_where_they_are_drawn_and_grow_by_tiles() -> None:
 @pytest.mark.parametrize(
     ("values", "field", "words"),
     [
-        ({"change.at_s": 10}, "change", "give either at_s and to"),
-        ({"change.at_s": [10, 10], "change.to": "invert"}, "change.at_s", "must ascend"),
-        ({"change.at_s": [10, 20], "change.to": ["invert"] * 3}, "change.to", "3 entries for 2 times"),
-        ({"change.at_s": 10, "change.to": "diagonal:0.46"}, "change.to", "10x10 tiles, and the floor 5x5"),
-        ({"change.at_s": 10, "change.to": "random:0.46"}, "change.to", "is no whole number of tiles"),
-        ({"change.at_s": 10, "change.to": "patch:2"}, "change.to", "is not within the floor"),
+        ({"change.at_s": 10}, "change", "give either"),
+        ({"change.at_s": [10, 10], "change.to": "invert"}, "change", "ascending"),
+        (
+            {"change.at_s": 10, "change.to": "diagonal:0.46"},
+            "change.to",
+            "(10, 10) tiles, and the floor (5, 5)",
+        ),
         ({"change.at_s": 10, "change.to": "patch:0.1@0.5"}, "change.to", "has a contrast"),
-        ({"change.at_s": 10, "change.to": "patches"}, "change.to", "patches"),
-        ({"change.at_s": 10, "change.to": "22222/" * 4 + "22222"}, "change.to", "3 kinds, and the sensor"),
-        ({"change.at_s": 0, "change.to": "invert"}, "change.at_s.0", "greater than 0"),
-        ({"change.rate_per_h": 0}, "change.rate_per_h", "greater than 0"),
+        ({"change.at_s": 10, "change.to": "22222/" * 4 + "22222"}, "change", "3 kinds, and the sensor"),
         ({**INVERTED, "change.rate_per_h": 1}, "change", "give either"),
-        ({"change.shares": [0.5, 0.5]}, "change", "give either"),
-        ({"change.rate_per_h": 1, "change.shares": [0.5, 0.6]}, "change.shares", "sum to 1.1"),
-        ({"change.rate_per_h": 1, "change.shares": [0.5, 0.500002]}, "change.shares", "sum to 1.000002"),
-        ({"change.rate_per_h": 1, "change.shares": [0.5, 0.3, 0.2]}, "change.shares", "3 kinds"),
     ],
 )
 def test_what_does_not_fit_is_refused(values: dict[str, Any], field: str, words: str) -> None:

@@ -30,7 +30,7 @@ def dealt(scenario: Scenario, seed: int, run: int) -> set[tuple[int, float, floa
 @pytest.mark.parametrize("engine", [EventRun, FixedStepRun])
 def test_each_robot_has_a_site_of_its_own(engine: type[EventRun | FixedStepRun]) -> None:
     for run in (0, 1):
-        swarm = engine(CROWDED, 5, run).swarm
+        swarm = begun(engine, CROWDED, 5, run).swarm
         places = zip(swarm["x_m"].round(9).tolist(), swarm["y_m"].round(9).tolist(), strict=True)
         found = {(i, x, y) for i, (x, y) in enumerate(places)}
         assert found == dealt(CROWDED, 5, run)

@@ -200,7 +200,7 @@ def test_between_still_and_vibrating_the_contrast_weighs_both_shifts(floor: dict
         ),
         5,
     )
-    below = shares_below(asked.sensor, contrasts=np.array([0.75]))[0, 2, 0]
+    below = shares_below(asked.sensor, levels=np.array([0.0, 1.0, 0.75]))[0, 2, 0]
     own = biased.motion["robot"].to_numpy() == 1
     hours = biased.motion["time_s"].to_numpy()[own] / 3600.0
     u = uniforms(5, 0, 1, Purpose.SENSING, own.sum())

@@ -98,5 +98,5 @@ def test_stop_and_signal_are_fields_of_the_scenario() -> None:
     assert readings(program) == 420
     short = sense_program(Scenario().with_values({"sample.stop_ms": 600.0}))
     assert (short.settle_ms, short.signal_ms) == (300.0, 300.0)
-    with pytest.raises(InputError, match=r"sample.signal_ms: 1200 is longer than the stop"):
+    with pytest.raises(InputError, match=r"sample.signal_ms: 1200.0 is longer than the stop"):
         Scenario().with_values({"sample.signal_ms": 1200.0})

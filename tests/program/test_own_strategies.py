@@ -198,7 +198,7 @@ def test_code_is_loaded_in_python(tmp_path: Path) -> None:
     assert short.strategy.code == code
     assert simulate(short, seed=1).runs.height == 1
     both = Study.of(short, runs=1, strategy__name=["none", code]).run()
-    assert both.where(name="sized").runs()["strategy.name"].to_list() == ["sized"]
+    assert both.where(strategy__name="sized").frame["strategy.name"].to_list() == ["sized"]
     for wrong in ("sized", "sized.py", str(path), 3, None):
         with pytest.raises(InputError, match="code"):
             load_code(wrong)  # type: ignore[arg-type]

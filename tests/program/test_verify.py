@@ -31,9 +31,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
-    ("table", "column"), [("robots", "belief_below"), ("poses", "x_m"), ("motion", "time_s")]
-)
+@pytest.mark.parametrize(("table", "column"), [("robots", "belief_below"), ("motion", "time_s")])
 def test_one_bit_is_seen(tmp_path: Path, result: Path, table: str, column: str) -> None:
     """Negative control: the last bit of one number of one run is changed."""
     read = Result.read(result)

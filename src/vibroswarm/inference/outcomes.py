@@ -288,7 +288,15 @@ def forced_errors(
             no such answer.
     Returns: errors in the broadcast shape of the arguments; nan where the truth is nan.
     """
-    costs = 1.0 - np.eye(2) if costs is None else costs
+    if costs is not None:
+        return _forced_costs(decision, belief_in_truth, truth, costs)
+    doubt = np.where(np.isnan(belief_in_truth), HALF, 1.0 - belief_in_truth)
+    leaning = np.where(doubt > HALF, 1.0, np.where(doubt < HALF, 0.0, HALF))
+    errors = np.where(decision == -1, leaning, decision != truth)
+    return np.where(np.isnan(truth), np.nan, errors)
+
+
+def _forced_costs(decision: NDArray[np.integer], belief_in_truth: Array, truth: Array, costs: Array) -> Array:
     row = np.where(np.isnan(truth), 0, truth).astype(np.intp)
     of_truth = np.take_along_axis(
         np.broadcast_to(costs, (*row.shape, *costs.shape[-2:])), row[..., None, None], -2
