@@ -276,7 +276,10 @@ def test_a_range_where_runs_end_early_or_are_steered_or_share_motion(own_files: 
     told = study.run()
     for cell, scenario in enumerate((ideal, near)):
         alone = simulate(scenario, 3, [0, 1, 2]).robots
-        assert told.robots(cell)["messages_received"].to_list() == alone["messages_received"].to_list()
+        assert (
+            told.tables(told.cells[cell])[0]["messages_received"].to_list()
+            == alone["messages_received"].to_list()
+        )
 
 
 def test_few_scenarios_are_in_memory_at_a_time_where_their_robots_have_large_arrays(

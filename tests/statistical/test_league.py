@@ -100,7 +100,7 @@ def league_of(errors_and_times: dict[str, list[tuple[float, float]]], runs: int 
     floors = floors_of(["stripe"], [0.48])[:1]
     league = League(preset("paper"), tuple(entries), floors, (5,), runs=runs)
     cells = [SimpleNamespace(scenario=league.base)]
-    played: Any = SimpleNamespace(study=SimpleNamespace(cells=cells))  # no tables of runs are read
+    played: Any = SimpleNamespace(cells=cells)  # no tables of runs are read
     return Standings(league, values, played)
 
 

@@ -120,7 +120,6 @@ def test_the_table_holds_what_a_robot_knows_at_each_sample() -> None:
 def test_places_of_a_run_depend_on_no_other_run() -> None:
     one = Motion(
         *(table.filter(pl.col("run") == 3) for table in (moved().samples, moved().ends)),
-        None,
         moved().moves.filter(pl.col("run") == 3),  # type: ignore[union-attr]
     )
     assert locate(GOOD, SEED, one).equals(locate(GOOD, SEED, moved()).filter(pl.col("run") == 3))

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import kernel
+from vibroswarm.core.jit import kernel, zero_rows
 from vibroswarm.core.tables import Schema
 from vibroswarm.robot.walk import AVOID, KINDS, TURN
 
@@ -161,7 +161,7 @@ class Collected:
 
     def samples_frame(self, tick_ms: int) -> pl.DataFrame:
         """Return the table of samples."""
-        return sample_frame(joined([np.empty(0, dtype=SAMPLE_ROW), *self.samples]), tick_ms)
+        return sample_frame(joined([zero_rows(0, SAMPLE_ROW), *self.samples]), tick_ms)
 
     def motion(self, tick_ms: int) -> Motion:
         """Return all rows as tables; there are moves if any were given."""
@@ -178,7 +178,7 @@ def joined(pieces: Sequence[Rows]) -> Rows:
 
     The rows are copied as bytes: NumPy copies structured rows field by field, which is many times slower.
     """
-    return np.concatenate([piece.view(np.uint8) for piece in pieces]).view(pieces[0].dtype)
+    return np.concatenate([piece.view(np.uint8) for piece in pieces]).view(pieces[0].dtype, type(pieces[0]))
 
 
 def seconds(ticks: NDArray[np.int64], tick_ms: int) -> NDArray[np.float64]:
