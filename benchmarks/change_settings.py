@@ -16,7 +16,7 @@ import polars as pl
 
 from change_delay import GRIDS, at_threshold, base, beliefs_of, settings, words
 from vibroswarm import preset, replay, simulate
-from vibroswarm.analysis.intervals import mean_interval, wilson
+from vibroswarm.statistics.intervals import mean_interval, wilson
 
 P_C: Final = (0.6, 0.8, 0.9, 0.95)
 SETTINGS: Final[tuple[tuple[str, dict[str, float]], ...]] = (

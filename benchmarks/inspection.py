@@ -21,8 +21,6 @@ from scipy.optimize import isotonic_regression
 from scipy.special import logsumexp
 
 from vibroswarm import Scenario, preset, simulate
-from vibroswarm.analysis.intervals import generator, wilson_limits
-from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.errors import InputError
 from vibroswarm.floors.surfaces import Patch
 from vibroswarm.inspection.checks import PLACES, law_checks
@@ -68,6 +66,8 @@ from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.stopping import Question, rule_of
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.observation.energy_model import energy_of
+from vibroswarm.statistics.intervals import generator, wilson_limits
+from vibroswarm.statistics.map_scores import map_scores
 
 Floats = NDArray[np.float64]
 LOOKS = 40

@@ -14,8 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import gamma
 
-from vibroswarm.analysis.intervals import generator
-from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
@@ -27,6 +25,8 @@ from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.observation.energy_model import error_rates, readings_of
 from vibroswarm.paper.columns import REAL, read_recordings
 from vibroswarm.recordings.recording import Recording
+from vibroswarm.statistics.intervals import generator
+from vibroswarm.statistics.map_scores import map_scores
 
 Floats = NDArray[np.float64]
 SHOWN_S = (60.0, 180.0, 300.0, 600.0, 1200.0)

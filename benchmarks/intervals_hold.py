@@ -22,8 +22,6 @@ from typing import Any
 
 import numpy as np
 
-from vibroswarm.analysis.intervals import Interval, bounded_mean, mean_interval, pseudo_values
-from vibroswarm.analysis.paired import difference, equivalent
 from vibroswarm.calibrate.camera import Camera, seen_through
 from vibroswarm.calibrate.dataset import dataset_of
 from vibroswarm.calibrate.few_groups import drawn_variances, evenly_drawn, limits_of, limits_of_bootstrap
@@ -42,6 +40,8 @@ from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.core.arrays import Floats
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.intervals import Interval, bounded_mean, mean_interval, pseudo_values
+from vibroswarm.statistics.paired import difference, equivalent
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 T_END_S = 1200.0

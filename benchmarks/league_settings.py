@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm import preset
-from vibroswarm.analysis.fronts import front_of, on_line
-from vibroswarm.analysis.paired import drawn_interval
 from vibroswarm.league.entries import entries_of, floors_of, frozen_settings, read_settings
 from vibroswarm.league.fronts import drawn_means
 from vibroswarm.league.standings import League
+from vibroswarm.statistics.fronts import front_of, on_line
+from vibroswarm.statistics.paired import drawn_interval
 
 LEVELS = (0.15, 0.20)
 """Forced errors at which the fronts are compared."""

@@ -26,13 +26,13 @@ from unittest.mock import patch
 import polars as pl
 
 from search_seeds import FIELDS, values_of
-from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.optimize import evaluate
-from vibroswarm.optimize.loop import Found, run_search
-from vibroswarm.optimize.pso import PsoSettings, shared_run
-from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import truth_of
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.search import evaluate
+from vibroswarm.search.loop import Found, run_search
+from vibroswarm.search.pso import PsoSettings, shared_run
+from vibroswarm.search.spec import Search
+from vibroswarm.search.validation import truth_of
+from vibroswarm.statistics.intervals import mean_interval
 from vibroswarm.study.spec import Study
 
 WAYS = ("as-ran", "own-runs", "default")

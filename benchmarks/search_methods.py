@@ -16,15 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.loop import run_search, stage_of
-from vibroswarm.optimize.methods import Stage
-from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.pso import PsoSettings
-from vibroswarm.optimize.race import Race
-from vibroswarm.optimize.response_surface import optima
-from vibroswarm.optimize.spec import Search, SearchSettings
-from vibroswarm.optimize.validation import truth_of
+from vibroswarm.search.archive import Archive
+from vibroswarm.search.loop import run_search, stage_of
+from vibroswarm.search.methods import Stage
+from vibroswarm.search.objective import Objective
+from vibroswarm.search.pso import PsoSettings
+from vibroswarm.search.race import Race
+from vibroswarm.search.response_surface import optima
+from vibroswarm.search.spec import Search, SearchSettings
+from vibroswarm.search.validation import truth_of
 from vibroswarm.study.spec import Study
 
 OPTIMUM = np.array([0.35, 1.0, 1.0, 0.0, 1.0])

@@ -17,10 +17,10 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.optimize.loop import run_search
-from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import truth_of
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.search.loop import run_search
+from vibroswarm.search.spec import Search
+from vibroswarm.search.validation import truth_of
 from vibroswarm.study.spec import Study
 
 FIELDS = (

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.optimize.loop import run_search
-from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import truth_of
+from vibroswarm.search.loop import run_search
+from vibroswarm.search.spec import Search
+from vibroswarm.search.validation import truth_of
+from vibroswarm.statistics.intervals import mean_interval
 from vibroswarm.study.spec import Study
 
 METHODS = ("pso, the paper's way", "pso", "random", "sobol", "tpe", "cmaes", "gp")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.optimize import Objective, Outcomes, Search, run_search, truth_of
+from vibroswarm.search import Objective, Outcomes, Search, run_search, truth_of
 
 PER_HOUR = 60.0
 FALSE_ALARM = 40.0

@@ -10,8 +10,8 @@ import argparse
 import numpy as np
 
 from vibroswarm import Floor, make_floor, measure, preset, simulate
-from vibroswarm.analysis.cell_summary import summary
-from vibroswarm.analysis.decidability import decidability
+from vibroswarm.statistics.cell_summary import summary
+from vibroswarm.statistics.decidability import decidability
 
 
 def main(runs: int) -> None:

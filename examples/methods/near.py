@@ -1,6 +1,6 @@
 """A method of search: points near the best candidate so far. ``vibroswarm optimize --method near.py:near``."""
 
-from vibroswarm.optimize import Method, Sampler
+from vibroswarm.search import Method, Sampler
 
 
 class Near(Sampler):

@@ -1,6 +1,5 @@
 """Public names and where they are; ``__init__.py`` imports each on first use."""
 
-from .analysis.verdict import verdict as verdict
 from .errors import InputError as InputError
 from .errors import RunError as RunError
 from .floors.design import make_floor as make_floor
@@ -15,6 +14,7 @@ from .scenario.scenario import Scenario as Scenario
 from .scenario.scenario import preset as preset
 from .simulation import replay as replay
 from .simulation import simulate as simulate
+from .statistics.verdict import verdict as verdict
 from .study.runs import Runs as Runs
 from .study.spec import Study as Study
 from .study.summary import outcome_of as outcome_of

@@ -20,10 +20,10 @@ from vibroswarm.errors import InputError
 from vibroswarm.motion import source as motion_source
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.source import Source
-from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.result import Result
 from vibroswarm.scenario.plugins import load_file
 from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.search.outcomes import outcomes_of
 from vibroswarm.simulation import replay, simulate
 from vibroswarm.strategies.base import forget
 from vibroswarm.study.spec import Study

@@ -11,9 +11,9 @@ from pydantic import Field
 from helpers.scenario_fields import before, changed, chosen
 from vibroswarm import networks, strategies, tasks
 from vibroswarm.localisation.locate import estimates_key
-from vibroswarm.optimize.evaluate import Piece
 from vibroswarm.scenario.fault_fields import MotionFaults
 from vibroswarm.scenario.scenario import Scenario, field_types, value_of
+from vibroswarm.search.evaluate import Piece
 from vibroswarm.simulation import OF_MOTION
 from vibroswarm.strategies import Strategy, none
 from vibroswarm.study.runs import groups_of

@@ -8,8 +8,8 @@ from polars.testing import assert_frame_equal
 from helpers.closed_loop import followed, reads_as_tables
 from helpers.result_outcomes import assert_same_outcomes, from_result
 from vibroswarm.localisation.locate import place_frame
-from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.search.outcomes import outcomes_of
 from vibroswarm.simulation import simulate
 
 SEED = 31

@@ -18,11 +18,11 @@ from helpers.result_outcomes import assert_same_outcomes, from_result
 from vibroswarm.motion import source as motion_source
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.source import Source, moved
-from vibroswarm.optimize import outcomes as simulated
-from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.outcomes import Outcomes, outcomes_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.search import outcomes as simulated
+from vibroswarm.search.objective import Objective
+from vibroswarm.search.outcomes import Outcomes, outcomes_of
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies import register
 from vibroswarm.strategies import strategy as strategy_named

@@ -18,10 +18,10 @@ from vibroswarm.inference.closed_loop import max_samples
 from vibroswarm.motion import source as motion_source
 from vibroswarm.motion.motion_tables import END_ROW, MOVE_ROW, SAMPLE_ROW, Failure, Sink
 from vibroswarm.motion.source import Source, register, source
-from vibroswarm.optimize.outcomes import outcomes_of
 from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import lattice_sites, start_region
+from vibroswarm.search.outcomes import outcomes_of
 
 EVERY_S = 10.0
 WITH_MOVES = False

@@ -9,8 +9,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.sampling import packet_loss, walk_figures
-from vibroswarm.analysis.verdict import verdict
 from vibroswarm.documents.run import result_document
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -23,6 +21,8 @@ from vibroswarm.recordings.replay import with_beliefs
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import record_of
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.statistics.sampling import packet_loss, walk_figures
+from vibroswarm.statistics.verdict import verdict
 
 KEY = ["run", "robot", "sample"]
 

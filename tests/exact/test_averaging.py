@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 from vibroswarm import load_code, preset, simulate
-from vibroswarm.analysis.figures import run_figures
+from vibroswarm.statistics.figures import run_figures
 from vibroswarm.strategies import base
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

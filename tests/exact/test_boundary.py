@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.decidability import decidability
 from vibroswarm.documents.run import run_document
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.motion_tables import MOTION
@@ -28,6 +27,7 @@ from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.document import Text
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.decidability import decidability
 
 PAPER, CALIBRATED = preset("paper"), preset("calibrated")
 TILES = {"decision.boundary_of": "tiles"}

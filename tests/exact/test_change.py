@@ -19,7 +19,6 @@ from helpers.closed_loop import followed, reads_as_tables
 from helpers.commands import output_of
 from helpers.recordings import write_log
 from vibroswarm import Scenario, preset, replay, simulate
-from vibroswarm.analysis.answers_over_time import answers_in
 from vibroswarm.documents.run import run_document
 from vibroswarm.errors import InputError
 from vibroswarm.floors.changes import Changes, markov_changes
@@ -32,6 +31,7 @@ from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import replay_recording
 from vibroswarm.recordings.threshold import labelled
 from vibroswarm.result import Result
+from vibroswarm.statistics.answers_over_time import answers_in
 
 NAN = math.nan
 INVERTED = {"change.at_s": 600, "change.to": "invert"}

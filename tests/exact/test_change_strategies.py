@@ -13,9 +13,9 @@ from polars.testing import assert_frame_equal
 
 from helpers.commands import output_of
 from vibroswarm import Result, Scenario, Study, preset, simulate, strategies
-from vibroswarm.analysis.answers_over_time import Answer, answers_in, course_of, judged
 from vibroswarm.errors import InputError
 from vibroswarm.robot.belief import belief_below
+from vibroswarm.statistics.answers_over_time import Answer, answers_in, course_of, judged
 from vibroswarm.strategies.base import forget as forget_strategy
 from vibroswarm.strategies.reset import on_sample as count_reading
 from vibroswarm.study.summary import outcome_of

@@ -11,14 +11,14 @@ from scipy.stats import binom
 
 from helpers.result_outcomes import from_result
 from vibroswarm import preset, simulate
-from vibroswarm.analysis.figures import BY_NAME
-from vibroswarm.analysis.intervals import Interval
 from vibroswarm.core.numbers import with_limits
 from vibroswarm.errors import InputError
-from vibroswarm.optimize import costs
-from vibroswarm.optimize.objective import Objective, bootstrap, corrected, worst_case
-from vibroswarm.optimize.outcomes import Outcomes, from_tables, outcomes_of
-from vibroswarm.optimize.validation import Scored, paired_score, scored_of
+from vibroswarm.search import costs
+from vibroswarm.search.objective import Objective, bootstrap, corrected, worst_case
+from vibroswarm.search.outcomes import Outcomes, from_tables, outcomes_of
+from vibroswarm.search.validation import Scored, paired_score, scored_of
+from vibroswarm.statistics.figures import BY_NAME
+from vibroswarm.statistics.intervals import Interval
 
 NAN = math.nan
 

@@ -8,14 +8,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from vibroswarm.analysis.decidability import (
-    decidability,
-    decidability_of_share,
-    observed_share,
-    samples_needed,
-)
-from vibroswarm.analysis.intervals import generator
-from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, place_of
 from vibroswarm.observation.decision_boundary import tiled_share
@@ -23,6 +15,14 @@ from vibroswarm.observation.edge_response import vibration_probability
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.decidability import (
+    decidability,
+    decidability_of_share,
+    observed_share,
+    samples_needed,
+)
+from vibroswarm.statistics.intervals import generator
+from vibroswarm.statistics.verdict import verdict
 
 PAPER = preset("paper")
 

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.detection import detection_curve, needed, pairs
-from vibroswarm.analysis.fronts import pareto_front
-from vibroswarm.analysis.intervals import generator, wilson
 from vibroswarm.documents.detection import detection_document, hardest
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.statistics.detection import detection_curve, needed, pairs
+from vibroswarm.statistics.fronts import pareto_front
+from vibroswarm.statistics.intervals import generator, wilson
 from vibroswarm.study.detection import Detection, fills_around
 from vibroswarm.study.options import detection_scenario
 

@@ -13,7 +13,6 @@ import pytest
 from scipy.special import expit
 
 from helpers.inspections import drawn_samples, enumerated
-from vibroswarm.analysis.map_scores import calibration, map_scores
 from vibroswarm.documents.inspection import inspection_document
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -23,6 +22,7 @@ from vibroswarm.inspection.samples import Law, Samples, ratios_of_values
 from vibroswarm.inspection.sources import grid_of, samples_of_csv
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.statistics.map_scores import calibration, map_scores
 from vibroswarm.strategies.place_map import add_reading, share_place
 
 FLOORS = range(30)

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from vibroswarm.analysis.figures import BY_NAME
-from vibroswarm.analysis.figures import interval as interval_of_figure
-from vibroswarm.analysis.intervals import (
+from vibroswarm.statistics.figures import BY_NAME
+from vibroswarm.statistics.figures import interval as interval_of_figure
+from vibroswarm.statistics.intervals import (
     Interval,
     bounded_mean,
     cluster_share,
@@ -30,7 +30,7 @@ from vibroswarm.analysis.intervals import (
     wilson,
     wilson_limits,
 )
-from vibroswarm.analysis.paired import difference
+from vibroswarm.statistics.paired import difference
 
 numbers = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40)
 

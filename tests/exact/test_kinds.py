@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm import Result, Scenario, preset, simulate
-from vibroswarm.analysis.decidability import decidability
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import named_tiles
@@ -26,6 +25,7 @@ from vibroswarm.robot.most_common import most_common_belief
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.sensors import SensorModel
 from vibroswarm.sensors import sensor as sensor_of
+from vibroswarm.statistics.decidability import decidability
 from vibroswarm.strategies.kinds import drawn_kind, least_belief, most_belief
 from vibroswarm.tasks import Asked, task
 

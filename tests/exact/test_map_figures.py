@@ -10,8 +10,6 @@ import polars as pl
 import pytest
 
 from vibroswarm import Study, preset, simulate
-from vibroswarm.analysis.map_figures import floor_maps, keeps_map
-from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.documents.detection import detection_document
 from vibroswarm.documents.league import league_document
 from vibroswarm.documents.run import run_document
@@ -20,6 +18,8 @@ from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
 from vibroswarm.result import Result
 from vibroswarm.show.document import Text
+from vibroswarm.statistics.map_figures import floor_maps, keeps_map
+from vibroswarm.statistics.map_scores import map_scores
 from vibroswarm.study.detection import detection_of, detection_study
 from vibroswarm.study.summary import outcome_of
 

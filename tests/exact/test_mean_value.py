@@ -11,8 +11,8 @@ import pytest
 
 from helpers.plain_reference import equals_plain
 from vibroswarm import load_code, preset, simulate
-from vibroswarm.analysis.figures import run_figures
 from vibroswarm.documents.run import result_document
+from vibroswarm.statistics.figures import run_figures
 from vibroswarm.strategies import base
 
 FILE = Path(__file__).parents[2] / "examples/kinds/mean_value.py"

@@ -13,10 +13,6 @@ from numpy.typing import NDArray
 from scipy.stats import beta as beta_distribution
 
 from helpers.result_outcomes import from_result
-from vibroswarm.analysis import cell_summary, figures
-from vibroswarm.analysis.figures import RunFigure, Swarms, figures_of
-from vibroswarm.analysis.intervals import generator, mean_interval
-from vibroswarm.analysis.paired import compare
 from vibroswarm.documents import cell_figures
 from vibroswarm.documents.league import league_document
 from vibroswarm.errors import InputError
@@ -31,13 +27,17 @@ from vibroswarm.inference.outcomes import (
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
 from vibroswarm.league.words import league_tables
-from vibroswarm.optimize.objective import NAMES, Objective
-from vibroswarm.optimize.outcomes import from_tables
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.search.objective import NAMES, Objective
+from vibroswarm.search.outcomes import from_tables
 from vibroswarm.show.data import document_data
 from vibroswarm.show.page import page_html
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics import cell_summary, figures
+from vibroswarm.statistics.figures import RunFigure, Swarms, figures_of
+from vibroswarm.statistics.intervals import generator, mean_interval
+from vibroswarm.statistics.paired import compare
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.detection import detection_of, detection_study
 from vibroswarm.study.runs import Runs

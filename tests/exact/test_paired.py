@@ -10,14 +10,14 @@ import polars as pl
 import pytest
 from scipy.stats import binom, norm, t
 
-from vibroswarm.analysis.intervals import (
+from vibroswarm.statistics.intervals import (
     Interval,
     generator,
     jackknife_error,
     student_test,
     wilson_limits,
 )
-from vibroswarm.analysis.paired import (
+from vibroswarm.statistics.paired import (
     COMPARED,
     compare,
     difference,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from helpers import search_functions as functions
-from vibroswarm.optimize.methods import chance
-from vibroswarm.optimize.pso import Pso, PsoSettings
-from vibroswarm.optimize.race import Race, allocate
+from vibroswarm.search.methods import chance
+from vibroswarm.search.pso import Pso, PsoSettings
+from vibroswarm.search.race import Race, allocate
 
 
 def swarm(seed: int = 1, starts: Any = None, **settings: Any) -> Pso:

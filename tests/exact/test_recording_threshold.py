@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from vibroswarm.analysis.intervals import wilson_limits
 from vibroswarm.floors.floor import Floor
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.log_readers import read_log
@@ -27,6 +26,7 @@ from vibroswarm.recordings.threshold import (
     unseen_errors,
 )
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.statistics.intervals import wilson_limits
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ import pytest
 from scipy.stats import t as t_law
 
 from vibroswarm import Result, Scenario, Study, preset, simulate, tasks
-from vibroswarm.analysis.figures import BY_NAME, Swarms
-from vibroswarm.analysis.reports_over_time import reports_over_time
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.plots.reports import draw_run_reports
+from vibroswarm.statistics.figures import BY_NAME, Swarms
+from vibroswarm.statistics.reports_over_time import reports_over_time
 from vibroswarm.strategies import Report, Strategy, array, register
 from vibroswarm.strategies.base import forget
 from vibroswarm.study.summary import outcome_of

@@ -12,14 +12,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from vibroswarm.analysis.intervals import generator
-from vibroswarm.analysis.sampling import (
-    WALK,
-    effective_samples,
-    effective_with_sensor,
-    packet_loss,
-    walk_figures,
-)
 from vibroswarm.calibrate.message_loss import windows_of
 from vibroswarm.inference.outcomes import SHARES
 from vibroswarm.motion.motion_tables import MOTION
@@ -28,6 +20,14 @@ from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.intervals import generator
+from vibroswarm.statistics.sampling import (
+    WALK,
+    effective_samples,
+    effective_with_sensor,
+    packet_loss,
+    walk_figures,
+)
 
 
 @pytest.fixture(scope="module")

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from helpers import search_functions as functions
-from vibroswarm.optimize import evaluate
-from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.evaluate import AS_RAN, Evaluator
-from vibroswarm.optimize.loop import run_search
-from vibroswarm.optimize.methods import Ask, chance
-from vibroswarm.optimize.pso import Pso, PsoSettings, shared_run
-from vibroswarm.optimize.space import Space
-from vibroswarm.optimize.spec import Search
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.search import evaluate
+from vibroswarm.search.archive import Archive
+from vibroswarm.search.evaluate import AS_RAN, Evaluator
+from vibroswarm.search.loop import run_search
+from vibroswarm.search.methods import Ask, chance
+from vibroswarm.search.pso import Pso, PsoSettings, shared_run
+from vibroswarm.search.space import Space
+from vibroswarm.search.spec import Search
 
 PARTICLES, ITERATIONS, EVALUATIONS, EXTRA, BEST = 6, 5, 4, 3, 2
 

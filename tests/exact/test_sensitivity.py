@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from vibroswarm.documents.search import sensitivity_document
-from vibroswarm.optimize import sensitivity
-from vibroswarm.optimize.sensitivity import indices, saltelli
+from vibroswarm.search import sensitivity
+from vibroswarm.search.sensitivity import indices, saltelli
 from vibroswarm.show.data import document_data
 
 pytest.importorskip("SALib")

@@ -18,7 +18,7 @@ from vibroswarm.floors.surfaces import Patch, mixed, named_patches
 from vibroswarm.observation.decision_boundary import expected_ones_on
 from vibroswarm.observation.energy_model import energies_of, energy_of, rates
 from vibroswarm.observation.observe import observe
-from vibroswarm.optimize.outcomes import outcomes_of
+from vibroswarm.search.outcomes import outcomes_of
 
 PAPER = preset("paper").with_values({"run.t_end_s": 300.0, "decision.min_observations": 30})
 UNIT = (0.0, 0.0, 1.0, 1.0)

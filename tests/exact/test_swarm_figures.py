@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.answers_over_time import AGREEMENTS
-from vibroswarm.analysis.cell_summary import summary
-from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
-from vibroswarm.analysis.intervals import mean_interval, wilson
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
+from vibroswarm.statistics.answers_over_time import AGREEMENTS
+from vibroswarm.statistics.cell_summary import summary
+from vibroswarm.statistics.incidence import robot_incidence, swarm_incidence
+from vibroswarm.statistics.intervals import mean_interval, wilson
 
 T_END = 100.0
 Cell = tuple[pl.DataFrame, pl.DataFrame]

@@ -10,12 +10,12 @@ import pytest
 from scipy import stats
 
 from vibroswarm import InputError, Study, preset, simulate
-from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.verdict import headline, verdict
 from vibroswarm.inference.outcomes import costs_of, forced_errors
 from vibroswarm.league.fronts import guess_level
-from vibroswarm.optimize.costs import COSTS
-from vibroswarm.optimize.outcomes import outcomes_of
+from vibroswarm.search.costs import COSTS
+from vibroswarm.search.outcomes import outcomes_of
+from vibroswarm.statistics.figures import run_figures
+from vibroswarm.statistics.verdict import headline, verdict
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.comparison import comparisons
 from vibroswarm.study.run import run

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from vibroswarm.inference.agents import estimate_of
 from vibroswarm.inference.outcomes import Array, numbers
-from vibroswarm.optimize.outcomes import Outcomes, end_s, from_tables
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.search.outcomes import Outcomes, end_s, from_tables
 from vibroswarm.strategies import strategy
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.methods import Stage
-from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.space import Space
+from vibroswarm.search.archive import Archive
+from vibroswarm.search.methods import Stage
+from vibroswarm.search.objective import Objective
+from vibroswarm.search.space import Space
 
 Function = Callable[[NDArray[np.float64]], float]
 

@@ -9,7 +9,7 @@ import pytest
 
 from helpers.commands import output_of
 from vibroswarm.cli import main
-from vibroswarm.optimize.steps import SearchFolder
+from vibroswarm.search.steps import SearchFolder
 from vibroswarm.study.store import Store
 
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--robots", "2"]

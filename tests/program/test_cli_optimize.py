@@ -79,7 +79,7 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert (out / "pictures" / "parameters.svg").is_file()
     assert (out / "report.html").read_bytes() == page
     with monkeypatch.context() as patched:
-        patched.setattr("vibroswarm.optimize.steps.versions", lambda: {"code": "later"})
+        patched.setattr("vibroswarm.search.steps.versions", lambda: {"code": "later"})
         said = refusal_of(capsys, "optimize", search, "--out", out)
     assert "was begun by other versions" in said
     assert about["answer"][0][:20].encode() in page

@@ -14,7 +14,7 @@ import pytest
 from helpers.commands import json_of
 from vibroswarm import Result, Study
 from vibroswarm.cli import main
-from vibroswarm.optimize import Search
+from vibroswarm.search import Search
 from vibroswarm.study.runs import groups_of
 
 ROOT = Path(__file__).parents[2]

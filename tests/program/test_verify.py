@@ -10,8 +10,8 @@ import pytest
 
 from vibroswarm import Result, Study, preset, simulate
 from vibroswarm.cli import main
-from vibroswarm.optimize import verify as module
-from vibroswarm.optimize.verify import verify
+from vibroswarm.search import verify as module
+from vibroswarm.search.verify import verify
 from vibroswarm.study.batch import Task, simulate_runs
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})

@@ -13,7 +13,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.calibrate.dataset import dataset_of
 from vibroswarm.calibrate.fit_sensor import SPREADS
 from vibroswarm.inspection.checks import law_checks
@@ -24,6 +23,7 @@ from vibroswarm.inspection.samples import Law, ratios_of_values
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.recordings.recording import Recording
+from vibroswarm.statistics.map_scores import map_scores
 
 pytestmark = pytest.mark.slow
 

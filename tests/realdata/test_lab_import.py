@@ -8,10 +8,10 @@ from __future__ import annotations
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.sampling import packet_loss, walk_figures
-from vibroswarm.analysis.verdict import verdict
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.run_page.write import record_of
+from vibroswarm.statistics.sampling import packet_loss, walk_figures
+from vibroswarm.statistics.verdict import verdict
 
 
 def test_all_is_read_and_told(real: Recording) -> None:

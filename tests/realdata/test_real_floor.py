@@ -11,12 +11,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.decidability import decidability_of_share, observed_share, samples_needed
-from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import read_tiles
 from vibroswarm.paper.columns import REAL
+from vibroswarm.statistics.decidability import decidability_of_share, observed_share, samples_needed
+from vibroswarm.statistics.intervals import mean_interval
+from vibroswarm.statistics.sampling import effective_samples, effective_with_sensor
 
 BY_SESSION = (0.482, 0.506, 0.499)
 """Share that reads as vibrating at 1.33, each tile counting alike."""

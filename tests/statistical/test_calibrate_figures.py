@@ -13,7 +13,6 @@ import pytest
 from scipy.special import ndtri
 
 from helpers.recordings import write_log
-from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.calibrate.drive import course_of, drive_of, drive_table, line_of, quartile_spread
 from vibroswarm.calibrate.few_groups import drawn_means, drawn_variances
 from vibroswarm.calibrate.fit_avoidance import fields_of
@@ -27,6 +26,7 @@ from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.intervals import mean_interval
 
 
 def made(runs: int = 2, **changes: Any) -> Result:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vibroswarm.analysis.map_scores import calibration, map_scores
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.samples import Samples
@@ -13,6 +12,7 @@ from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.map_scores import calibration, map_scores
 
 RUNS = range(20)
 AT_S = (60.0, 120.0, 300.0)

@@ -14,12 +14,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from vibroswarm.analysis.best_group import best_group
 from vibroswarm.league.entries import Entry, floors_of
 from vibroswarm.league.fronts import GUESS, LESS, LEVELS, NOT, REACHES, best_table, front_table, guesses
 from vibroswarm.league.standings import FIGURES, League, Standings
 from vibroswarm.league.tuning import chosen_along, hull_of
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.statistics.best_group import best_group
 
 Array = NDArray[np.float64]
 EXPERIMENTS, UNITS, DRAWS = 400, 60, 400

@@ -11,7 +11,6 @@ import polars as pl
 import pytest
 from scipy.special import logit
 
-from vibroswarm.analysis.map_figures import floor_maps, maps_over_time
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import infer
 from vibroswarm.localisation.locate import PLACES, locate
@@ -21,6 +20,7 @@ from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import floors_of, simulate
+from vibroswarm.statistics.map_figures import floor_maps, maps_over_time
 
 SEED, RUNS = 20_261, 24
 PAPER = Scenario().with_values({"strategy.name": "places", "localisation.method": "true"})

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from vibroswarm import preset
-from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import Scored, paired_score, score_fresh
 from vibroswarm.scenario.presets import preset_names
+from vibroswarm.search.objective import Objective
+from vibroswarm.search.spec import Search
+from vibroswarm.search.validation import Scored, paired_score, score_fresh
 
 SEARCHES = Path(__file__).parents[2] / "examples" / "searches"
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from vibroswarm.optimize.loop import run_search
-from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import truth_of
+from vibroswarm.search.loop import run_search
+from vibroswarm.search.spec import Search
+from vibroswarm.search.validation import truth_of
 
 SMALL = """
 [scenario]

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from vibroswarm.analysis.answers_over_time import agreements_of
+from vibroswarm.statistics.answers_over_time import agreements_of
 
 
 def test_an_agreement_lasts_by_hand() -> None:

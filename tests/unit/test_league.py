@@ -13,8 +13,6 @@ from hypothesis import strategies as st
 
 from helpers.commands import json_of, output_of, refusal_of
 from helpers.forked import FORKED
-from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.fronts import front_of
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import forced_errors
@@ -31,6 +29,8 @@ from vibroswarm.league.entries import (
 from vibroswarm.league.fronts import NOT, OPEN, REACHES, front_table
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.statistics.figures import run_figures
+from vibroswarm.statistics.fronts import front_of
 from vibroswarm.study import run as study_run
 
 pytestmark = pytest.mark.usefixtures("without_layout")

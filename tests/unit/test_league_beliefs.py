@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vibroswarm.analysis.intervals import wilson_limits
 from vibroswarm.league import belief_calibration as module
 from vibroswarm.league.belief_calibration import (
     ALL,
@@ -26,6 +25,7 @@ from vibroswarm.league.entries import Entry, entries_of, floors_of
 from vibroswarm.league.standings import League
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.intervals import wilson_limits
 from vibroswarm.strategies import known, strategy
 from vibroswarm.strategies.static_analysis import told
 

@@ -9,7 +9,7 @@ import pytest
 
 from helpers.commands import output_of, refusal_of
 from vibroswarm.cli import main
-from vibroswarm.optimize.methods import forget
+from vibroswarm.search.methods import forget
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "methods" / "near.py"
 SMALL = (

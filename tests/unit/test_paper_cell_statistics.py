@@ -6,13 +6,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.cell_summary import summary
-from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.sampling import walk_figures
 from vibroswarm.paper.cells import Cell, CellResult, run_cells
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.cell_summary import summary
+from vibroswarm.statistics.figures import run_figures
+from vibroswarm.statistics.sampling import walk_figures
 from vibroswarm.study.batch import WALK
 
 RUNS, ROBOTS = 24, 4

@@ -14,14 +14,14 @@ from helpers.dask_cluster import Cluster
 from helpers.forked import FORKED
 from helpers.search_functions import steps_of
 from vibroswarm.errors import RunError
-from vibroswarm.optimize import evaluate
-from vibroswarm.optimize.evaluate import derived_seed
-from vibroswarm.optimize.loop import Found, run_search
-from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.outcomes import Outcomes
-from vibroswarm.optimize.search_files import candidate_table, history_table
-from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import Truth, truth_of
+from vibroswarm.search import evaluate
+from vibroswarm.search.evaluate import derived_seed
+from vibroswarm.search.loop import Found, run_search
+from vibroswarm.search.objective import Objective
+from vibroswarm.search.outcomes import Outcomes
+from vibroswarm.search.search_files import candidate_table, history_table
+from vibroswarm.search.spec import Search
+from vibroswarm.search.validation import Truth, truth_of
 from vibroswarm.study import run as study_run
 
 SMALL = f"""

@@ -15,17 +15,17 @@ import pytest
 
 from helpers import search_functions as functions
 from helpers.search_functions import steps_of
-from vibroswarm.analysis.fronts import pareto_front
 from vibroswarm.documents.search import search_document
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.loop import Found, run_search
-from vibroswarm.optimize.methods import Random, Sobol, Stage
-from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.optuna_samplers import Cmaes, Gp, Nsga2, Tpe
-from vibroswarm.optimize.search_files import candidate_table, write_search
-from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import front_of
+from vibroswarm.search.archive import Archive
+from vibroswarm.search.loop import Found, run_search
+from vibroswarm.search.methods import Random, Sobol, Stage
+from vibroswarm.search.objective import Objective
+from vibroswarm.search.optuna_samplers import Cmaes, Gp, Nsga2, Tpe
+from vibroswarm.search.search_files import candidate_table, write_search
+from vibroswarm.search.spec import Search
+from vibroswarm.search.validation import front_of
+from vibroswarm.statistics.fronts import pareto_front
 
 # Torch is too heavy for what `make test` sets up: with `pip install ".[gp]"` the Gaussian process is tested too.
 GP = ("gp",) if importlib.util.find_spec("torch") else ()
@@ -145,7 +145,7 @@ def assert_front_is_scored_again(found: Found, folder: Path) -> None:
 
 def test_what_told_good_candidates_from_the_rest() -> None:
     pytest.importorskip("optuna")
-    from vibroswarm.optimize.sensitivity import ped_anova
+    from vibroswarm.search.sensitivity import ped_anova
 
     text = SMALL.replace("budget = 160", 'method = "random"\nbudget = 460').replace(
         "evaluations = 2", "evaluations = 4"

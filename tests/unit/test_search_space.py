@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibroswarm import preset
-from vibroswarm.optimize.space import PAPER, Dimension, Space
+from vibroswarm.search.space import PAPER, Dimension, Space
 
 
 def test_the_papers_space_holds_its_parameters() -> None:

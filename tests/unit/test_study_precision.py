@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.figures import interval
-from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.statistics.figures import interval
+from vibroswarm.statistics.intervals import mean_interval
 from vibroswarm.study.precision import Precision
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from helpers.drawn_scenarios import Draw
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.optimize.outcomes import outcomes_of
+from vibroswarm.search.outcomes import outcomes_of
 from vibroswarm.simulation import simulate
 
 TICKS, PERIODS_MS = st.integers(0, 2**31), st.sampled_from([1, 7, 20, 33, 100])

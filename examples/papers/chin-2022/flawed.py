@@ -9,7 +9,7 @@ from pathlib import Path
 import polars as pl
 
 from vibroswarm import load_code
-from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.statistics.intervals import mean_interval
 from vibroswarm.study.spec import Study
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

@@ -33,7 +33,13 @@ import numpy as np
 import polars as pl
 from threadpoolctl import threadpool_limits
 
-from vibroswarm.analysis.intervals import (
+from vibroswarm.calibrate.features import lag_one
+from vibroswarm.calibrate.similarity import over_sessions
+from vibroswarm.core.angles import wrapped
+from vibroswarm.core.arrays import Floats, Ints
+from vibroswarm.core.optional_library import needed
+from vibroswarm.errors import InputError
+from vibroswarm.statistics.intervals import (
     Interval,
     allowing_for_rare,
     bounded_mean,
@@ -42,13 +48,7 @@ from vibroswarm.analysis.intervals import (
     student_test,
     within,
 )
-from vibroswarm.analysis.paired import differences, holm
-from vibroswarm.calibrate.features import lag_one
-from vibroswarm.calibrate.similarity import over_sessions
-from vibroswarm.core.angles import wrapped
-from vibroswarm.core.arrays import Floats, Ints
-from vibroswarm.core.optional_library import needed
-from vibroswarm.errors import InputError
+from vibroswarm.statistics.paired import differences, holm
 
 
 def scikit_learn(module: str) -> Any:

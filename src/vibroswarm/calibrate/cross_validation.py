@@ -18,7 +18,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import plain
 from vibroswarm.calibrate.classifier import classifier_accuracy
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.features import FEATURES, lag_one, values_of
@@ -32,6 +31,7 @@ from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.recordings.threshold import share_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.intervals import plain
 
 SIMULATED: Final = 40
 """Sessions simulated for each held-out one."""

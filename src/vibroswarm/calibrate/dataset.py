@@ -12,7 +12,6 @@ from functools import cache
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.calibrate.camera import RIGHT, Camera, corrected, moved
 from vibroswarm.calibrate.drive import drive_table
 from vibroswarm.calibrate.features import nearest_tile, sample_table
@@ -23,6 +22,7 @@ from vibroswarm.floors.floor import Floor, refuse_changes
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.threshold import edge_distance
 from vibroswarm.result import Result
+from vibroswarm.statistics.sampling import packet_loss
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Dataset:
     drives: pl.DataFrame
     """One row per undisturbed drive between two samples, with its speed and veer (columns ``drive.DRIVES``)."""
     exchange: pl.DataFrame
-    """One row per session: messages addressed and received, and the share lost (``analysis.sampling.packet_loss``)."""
+    """One row per session: messages addressed and received, share lost (``statistics.sampling.packet_loss``)."""
     floors: tuple[Floor, ...]
     """The floor of each session, at the index that is the session's number; also floors of sessions that ``only``
     removed."""

@@ -18,8 +18,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import gammaincinv, stdtrit
 
-from vibroswarm.analysis.intervals import few_factor, generator
 from vibroswarm.core.arrays import Floats
+from vibroswarm.statistics.intervals import few_factor, generator
 
 
 def evenly_drawn(draws: int, seed: int, purpose: str) -> Floats:

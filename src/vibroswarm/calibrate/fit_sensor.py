@@ -33,7 +33,6 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import gammaincinv, gammaln, ndtr
 
-from vibroswarm.analysis.intervals import generator
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.few_groups import drawn_variances, evenly_drawn
 from vibroswarm.core.arrays import Bools, Floats, Ints
@@ -41,6 +40,7 @@ from vibroswarm.core.blas import with_one_blas_thread
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.threshold import cluster_weights, robot_clusters
+from vibroswarm.statistics.intervals import generator
 
 FIELDS: Final = (
     "vibrating_shape", "vibrating_scale", "vibrating_location",

@@ -30,11 +30,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import jackknife_error
-from vibroswarm.analysis.sampling import late_robots
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
+from vibroswarm.statistics.intervals import jackknife_error
+from vibroswarm.statistics.sampling import late_robots
 
 MOST_SHIFTED: Final = 3
 """Largest shift of a window's edge, messages."""
@@ -171,7 +171,7 @@ def windows_of(result: Result) -> list[Windows]:
 
     A robot sends one message at each sample, so the times of samples are the times of messages (``_times``). A window
     ends when the robot stops to sample, not at the sample, because a robot reads messages only while it walks. The
-    first window of a robot that may have been switched on late is left out (``analysis.sampling.late_robots``).
+    first window of a robot that may have been switched on late is left out (``statistics.sampling.late_robots``).
     """
     tables = []
     late = set(late_robots(result).iter_rows())

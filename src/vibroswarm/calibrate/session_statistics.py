@@ -13,11 +13,11 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import Interval, mean_interval, mean_share_interval
-from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.calibrate.drive import drive_of, drive_table
 from vibroswarm.calibrate.features import lag_one, nearest_tile, sample_table
 from vibroswarm.result import Result
+from vibroswarm.statistics.intervals import Interval, mean_interval, mean_share_interval
+from vibroswarm.statistics.sampling import packet_loss
 
 FIGURES: Final[dict[str, tuple[str, float]]] = {
     "speed_m_s": ("speed, mm/s", 1e3),

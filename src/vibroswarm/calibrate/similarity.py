@@ -42,10 +42,10 @@ import numpy as np
 from scipy.spatial.distance import cdist
 from scipy.special import stdtrit
 
-from vibroswarm.analysis.intervals import Interval, finite_limits, mean_interval, pseudo_values
 from vibroswarm.calibrate.features import histogram, shapeless
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.rng import Purpose, uniforms
+from vibroswarm.statistics.intervals import Interval, finite_limits, mean_interval, pseudo_values
 
 DRAWS: Final = 20
 """Subsamples behind each similarity at equal counts."""

@@ -16,7 +16,7 @@ from vibroswarm.cli.terminal import report
 from vibroswarm.core.registry import written_names
 
 if TYPE_CHECKING:
-    from vibroswarm.optimize.spec import Search
+    from vibroswarm.search.spec import Search
 
 
 def method_names() -> list[str]:
@@ -71,9 +71,9 @@ def optimize(
       vibroswarm evaluate out/pso/best.toml paper --cost authors_code    compare what was found with a preset
     """
     from vibroswarm.documents.search import plan_sentences, search_document
-    from vibroswarm.optimize.loop import check_ready
-    from vibroswarm.optimize.steps import SearchFolder
-    from vibroswarm.optimize.words import search_of, searched
+    from vibroswarm.search.loop import check_ready
+    from vibroswarm.search.steps import SearchFolder
+    from vibroswarm.search.words import search_of, searched
 
     made = search_of(search, **vars(settings))
     check_ready(made)  # now, since `--force` removes the folder
@@ -109,8 +109,8 @@ def sensitivity(
     example:
       vibroswarm optimize sensitivity search.toml --budget 20000 --out out/which
     """
-    from vibroswarm.optimize.sensitivity import design_of, sobol_indices, write_sensitivity
-    from vibroswarm.optimize.words import counting, search_of
+    from vibroswarm.search.sensitivity import design_of, sobol_indices, write_sensitivity
+    from vibroswarm.search.words import counting, search_of
 
     made = search_of(search, cost=cost, seed=seed)
     design_of(

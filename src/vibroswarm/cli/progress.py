@@ -13,7 +13,7 @@ from vibroswarm.core.numbers import count, count_of, duration, number, percent, 
 from vibroswarm.core.stages import Stages
 
 if TYPE_CHECKING:
-    from vibroswarm.optimize.methods import SearchProgress
+    from vibroswarm.search.methods import SearchProgress
     from vibroswarm.study.run import StudyProgress
 
 LINE_EVERY_S = 10.0

@@ -49,7 +49,7 @@ def do_study(
     document, tables = document_of(outcome), dict(outcome.tables)
     if objective is not None:
         from vibroswarm.documents.cell_scores import with_scores
-        from vibroswarm.optimize.cell_scores import scores_of, with_fresh_runs
+        from vibroswarm.search.cell_scores import scores_of, with_fresh_runs
 
         with STAGES.runs("scoring on fresh runs") as progress:
             scores = with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
@@ -60,7 +60,7 @@ def do_study(
 
 
 def _objective_of(cost: str | None) -> Any:
-    from vibroswarm.optimize.objective import Objective
+    from vibroswarm.search.objective import Objective
 
     return None if cost is None else Objective(cost)
 

@@ -31,7 +31,7 @@ def verify(
       vibroswarm verify out/pso                  a search: runs of its steps, and fresh runs
       vibroswarm verify out/paper                a reproduction: runs of its cells and searches
     """
-    from vibroswarm.optimize.verify import verify as simulate_again
+    from vibroswarm.search.verify import verify as simulate_again
 
     with progress_bar("simulating again") as progress:
         verified = simulate_again(folder, runs, seed, progress)

@@ -7,7 +7,7 @@ else the kind records. All kinds have one format number.
 |---|---|---|
 | result, recording | tables of runs | ``result``, ``recordings.recording`` |
 | study | runs (study, league, detection) | ``study.run`` |
-| search | steps and fresh runs of a search | ``optimize.steps`` |
+| search | steps and fresh runs of a search | ``search.steps`` |
 | item | tables of an item of the reproduction | ``paper.item`` |
 | results | what a command printed, its page and its tables | ``documents.saved`` |
 

@@ -25,8 +25,8 @@ DOCUMENTS: Final = {
     "vibroswarm.recordings.threshold.Recommendation": "recording:threshold_document",
     "vibroswarm.study.detection.Detection": "detection:detection_document",
     "vibroswarm.study.summary.Outcome": "study:study_document",
-    "vibroswarm.optimize.verify.Verified": "verified:verified_document",
-    "vibroswarm.optimize.sensitivity.Sensitivity": "search:sensitivity_document",
+    "vibroswarm.search.verify.Verified": "verified:verified_document",
+    "vibroswarm.search.sensitivity.Sensitivity": "search:sensitivity_document",
 }
 """Module and function, by module and name of the class. Packages of results take long to import, so that each module is
 imported when a document is asked for."""

@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.intervals import Interval
 from vibroswarm.calibrate.classifier import FEWEST, STRETCH, ClassifierAccuracy, least_recognised
 from vibroswarm.calibrate.features import BELOW, FEATURES, WORDS
 from vibroswarm.calibrate.message_loss import LEAST_GAIN, STEPS, LossFits
@@ -23,6 +22,7 @@ from vibroswarm.calibrate.similarity import EnergyDistance, Spread
 from vibroswarm.core.numbers import count, listed, number, percent, stated, with_limits
 from vibroswarm.documents.cell_figures import columns_of, estimate_of, flat_row
 from vibroswarm.show.document import Column, Document, Part, Table, Text
+from vibroswarm.statistics.intervals import Interval
 
 DISTANCES: Final = (
     "Energy distance, effect size (0: same distribution, 1: no overlap; in brackets 95 % over sessions)."

@@ -1,4 +1,4 @@
-"""Columns of tables with figures of a cell (``analysis.figures``), what else is known of it, and with estimates."""
+"""Columns of tables with figures of a cell (``statistics.figures``), what else is known of it, and with estimates."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.figures import BY_NAME, FIGURES, RunFigure
-from vibroswarm.analysis.intervals import Interval
 from vibroswarm.core.numbers import Estimate, number
 from vibroswarm.show.document import Column, Table, limits_of
+from vibroswarm.statistics.figures import BY_NAME, FIGURES, RunFigure
+from vibroswarm.statistics.intervals import Interval
 
 _NUMBERS: Final = {
     "runs": Column("runs"),
@@ -30,7 +30,7 @@ MAP_CAPTION: Final = (
     "knows nothing), distance between the centres of gravity of map and truth. Time to detection: from when on a robot "
     "believes with p_c that more vibrates than the boundary, on floors where this is so. 95 % intervals over runs."
 )
-"""What the figures of ``analysis.map_figures`` are."""
+"""What the figures of ``statistics.map_figures`` are."""
 
 
 TIME_AND_ERROR: Final = {
@@ -88,7 +88,7 @@ def figure_columns(wide: Collection[str] = ()) -> dict[str, Column]:
 
 
 def answers_table(judged: pl.DataFrame, names: int = 0, more: str = "") -> list[Table]:
-    """Tabulate how right answers were over time (``analysis.answers_over_time``); nothing if none of that is known.
+    """Tabulate how right answers were over time (``statistics.answers_over_time``); nothing if none of that is known.
 
     Args:
         names: number of columns that say whose answers they are. more: end of the caption.
@@ -101,7 +101,7 @@ def answers_table(judged: pl.DataFrame, names: int = 0, more: str = "") -> list[
 
 
 def map_table(rows: pl.DataFrame, names: Mapping[str, Column]) -> Table:
-    """Tabulate how good robots' maps are, and how soon they detect (``analysis.map_figures``).
+    """Tabulate how good robots' maps are, and how soon they detect (``statistics.map_figures``).
 
     Args:
         names: formats of the columns that say whose maps they are.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from vibroswarm.core.numbers import decimals_of, with_limits
-from vibroswarm.optimize.cell_scores import CellScores
+from vibroswarm.search.cell_scores import CellScores
 from vibroswarm.show.document import Column, Document, Section, Table
 
 

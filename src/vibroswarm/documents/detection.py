@@ -3,7 +3,7 @@
 A floor is *missed* in a run without a right consensus. A *false alarm* is a wrong consensus on "more" on a floor with a
 fill ratio below the boundary. A floor above the boundary is *distinguished* from a floor below it at a time when misses
 of the one and false alarms on the other are both rare enough; it is *found* if it is distinguished from some floor
-below (``analysis.detection``).
+below (``statistics.detection``).
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def hardest(pairs: pl.DataFrame) -> pl.DataFrame:
     highest fill ratio. If they distinguish none by the end, ``time_s``, ``fill_ratio_below`` and ``fewest`` are null.
 
     Args:
-        pairs: table of ``analysis.detection.pairs``; the result has its columns.
+        pairs: table of ``statistics.detection.pairs``; the result has its columns.
     """
     is_found = pl.col("time_s").is_not_null()
     # Distinguished pairs come first, and among them the highest fill ratio below the boundary.
@@ -307,7 +307,7 @@ def _draw(
     would not in the order of the text. Within a line, points are in the order of the fill ratio.
 
     Args:
-        part: rows of ``analysis.detection.detection_curve``, sorted by robots, fill ratio and time as there.
+        part: rows of ``statistics.detection.detection_curve``, sorted by robots, fill ratio and time as there.
         boundary: of the fill ratio. tolerated: tolerated probability of a miss. title: of a picture in a file; a page
             has it above the picture.
     """

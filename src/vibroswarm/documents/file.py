@@ -14,7 +14,7 @@ from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Document, Table, Text, if_any
 
 if TYPE_CHECKING:  # to show a scenario takes neither
-    from vibroswarm.optimize.spec import Search
+    from vibroswarm.search.spec import Search
     from vibroswarm.study.spec import Study
 
 DIGITS: Final = 6

@@ -12,7 +12,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.map_scores import SURE, calibration
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.numbers import count, number, percent, size, span, stated, stated_percent, verb, whole
 from vibroswarm.documents.cell_figures import WIDEST_MAP, tile_lines
@@ -38,6 +37,7 @@ from vibroswarm.inspection.samples import Samples
 from vibroswarm.inspection.scan import Scan
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text, if_any
 from vibroswarm.simulation import versions
+from vibroswarm.statistics.map_scores import SURE, calibration
 
 ROWS: Final = 12
 """Rows of the table of scores over time."""

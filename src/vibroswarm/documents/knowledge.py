@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from vibroswarm.analysis.robot_knowledge import claims_notes, true_places_notes
 from vibroswarm.core.numbers import count, listed, stated
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.statistics.robot_knowledge import claims_notes, true_places_notes
 from vibroswarm.strategies import known
 from vibroswarm.strategies.static_analysis import told as told_by_strategy
 

@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.answers_over_time import JUDGED
 from vibroswarm.core.numbers import (
     Estimate,
     count,
@@ -42,6 +41,7 @@ from vibroswarm.run_page.write import record_of, write_page
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Document, Section, Table, Text, if_any
+from vibroswarm.statistics.answers_over_time import JUDGED
 
 
 def import_document(recording: Recording, pages: Sequence[str], computed: Sequence[str] = ()) -> Document:

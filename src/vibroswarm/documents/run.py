@@ -9,26 +9,6 @@ from typing import Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.answers_over_time import answers_in
-from vibroswarm.analysis.decidability import decidability
-from vibroswarm.analysis.figures import ESTIMATES, run_figures
-from vibroswarm.analysis.map_figures import floor_maps, keeps_floor_map
-from vibroswarm.analysis.reports_over_time import report_headings, reports_over_time
-from vibroswarm.analysis.robot_knowledge import counted, gate_unreached
-from vibroswarm.analysis.sampling import blocked_words
-from vibroswarm.analysis.verdict import (
-    OPINION_NOTE,
-    Verdict,
-    asked_number,
-    confidence,
-    decision_words,
-    has_own_estimate,
-    headline,
-    holds_opinions,
-    mean_over_time,
-    strategy_name,
-    verdict,
-)
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.core.numbers import count, first_of, number, stated_percent, verb, whole
 from vibroswarm.documents.cell_figures import WIDEST_MAP, answers_table, tile_lines
@@ -44,6 +24,26 @@ from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Table, Text
+from vibroswarm.statistics.answers_over_time import answers_in
+from vibroswarm.statistics.decidability import decidability
+from vibroswarm.statistics.figures import ESTIMATES, run_figures
+from vibroswarm.statistics.map_figures import floor_maps, keeps_floor_map
+from vibroswarm.statistics.reports_over_time import report_headings, reports_over_time
+from vibroswarm.statistics.robot_knowledge import counted, gate_unreached
+from vibroswarm.statistics.sampling import blocked_words
+from vibroswarm.statistics.verdict import (
+    OPINION_NOTE,
+    Verdict,
+    asked_number,
+    confidence,
+    decision_words,
+    has_own_estimate,
+    headline,
+    holds_opinions,
+    mean_over_time,
+    strategy_name,
+    verdict,
+)
 
 MOST_ROBOTS: Final = 20
 """Largest swarm, in robots, whose robots have a row each unless everything is asked for."""

@@ -1,7 +1,7 @@
 """The documents of a search (the winner or the Pareto front, and was it luck?), of a sensitivity, of a comparison.
 
 The believed score of a candidate is the one by which the search chose it; the true score is that on fresh runs, which
-played no part in the choice (``optimize.validation``). A start is a given point that is compared with the winner.
+played no part in the choice (``search.validation``). A start is a given point that is compared with the winner.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.intervals import columns_of, plain
 from vibroswarm.core.numbers import Estimate, count, count_of, listed, number, percent, whole, with_limits
 from vibroswarm.documents.knowledge import told, versions_in_words
 from vibroswarm.documents.search_tables import (
@@ -41,19 +40,20 @@ from vibroswarm.documents.search_words import (
     values_text,
     warnings_of,
 )
-from vibroswarm.optimize.loop import Found
-from vibroswarm.optimize.search_files import file_text
-from vibroswarm.optimize.sensitivity import Sensitivity
-from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import MIN_FRESH_RUNS, Front, Truth
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.labels import setting_words
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.search import draw_parameters, draw_search
 from vibroswarm.plots.style import SERIES_UP_TO
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.search.loop import Found
+from vibroswarm.search.search_files import file_text
+from vibroswarm.search.sensitivity import Sensitivity
+from vibroswarm.search.spec import Search
+from vibroswarm.search.validation import MIN_FRESH_RUNS, Front, Truth
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
 from vibroswarm.simulation import versions
+from vibroswarm.statistics.intervals import columns_of, plain
 
 QUOTE: Final = (
     "Quote the true score with its interval: the candidate that looks best of many was partly lucky, and fresh runs "

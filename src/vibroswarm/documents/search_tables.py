@@ -1,7 +1,7 @@
 """Tables of a search: scores on fresh runs, values, candidates, iterations and runs.
 
 The believed score of a candidate is the one by which the search chose it; the true score is that on fresh runs, which
-played no part in the choice (``optimize.validation``).
+played no part in the choice (``search.validation``).
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.intervals import columns_of, plain
 from vibroswarm.core.numbers import Estimate, count, decimals_of
 from vibroswarm.documents.search_words import (
     bound_of,
@@ -20,11 +19,12 @@ from vibroswarm.documents.search_words import (
     standing,
     value_text,
 )
-from vibroswarm.optimize.archive import Archive, Candidate
-from vibroswarm.optimize.loop import Found
-from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import Front, Scored, Truth
+from vibroswarm.search.archive import Archive, Candidate
+from vibroswarm.search.loop import Found
+from vibroswarm.search.spec import Search
+from vibroswarm.search.validation import Front, Scored, Truth
 from vibroswarm.show.document import Column, Table, Tone
+from vibroswarm.statistics.intervals import columns_of, plain
 
 BEST: Final = 20
 """Number of candidates in the table of the best."""

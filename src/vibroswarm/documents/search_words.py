@@ -1,7 +1,7 @@
 """Sentences on searches and grids: values of fields, failed runs, and reasons not to trust a result.
 
 The believed score of a candidate is the one by which the search chose it; the true score is that on fresh runs, which
-played no part in the choice (``optimize.validation``).
+played no part in the choice (``search.validation``).
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from vibroswarm.analysis.figures import BY_NAME
 from vibroswarm.core.numbers import count, listed, number, percent, whole, with_limits
-from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.loop import Found
-from vibroswarm.optimize.objective import AIMS, Objective
-from vibroswarm.optimize.space import Dimension
-from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import TELLING, Front, Truth
 from vibroswarm.plots.labels import Label, label_of
+from vibroswarm.search.archive import Archive
+from vibroswarm.search.loop import Found
+from vibroswarm.search.objective import AIMS, Objective
+from vibroswarm.search.space import Dimension
+from vibroswarm.search.spec import Search
+from vibroswarm.search.validation import TELLING, Front, Truth
+from vibroswarm.statistics.figures import BY_NAME
 from vibroswarm.study.factors import value_as_text
 
 ENOUGH: Final = 0.9
@@ -109,7 +109,7 @@ SCORES: Final = {
     "expected_time_to_right": "the expected time to a right consensus if runs without one are repeated",
     "time_at_error": "the mean decision time, plus a penalty for more errors or undecided robots than wanted",
 }
-"""What a cost is, by its name; the others are figures (``analysis.figures``)."""
+"""What a cost is, by its name; the others are figures (``statistics.figures``)."""
 
 
 def score_sentence(objective: Objective) -> str:

@@ -67,7 +67,7 @@ def _toml_document(path: Path) -> Document:
     text = read_text(path, "a file in TOML")
     tables = parsed_toml(text, str(path))
     if {"space", "objective", "search"} & set(tables):  # entries of files for `optimize` only
-        from vibroswarm.optimize.spec import Search
+        from vibroswarm.search.spec import Search
 
         return file.search_file_document(Search.read(path))
     # entries that no scenario has; a search may have some of them, so it is detected first
@@ -175,7 +175,7 @@ def _of_kind(folder: Path, kind: str | None, printed: Shown | None) -> Shown:
     saved = printed or Shown()
     if kind == "search":
         from vibroswarm.documents.search import search_state_document
-        from vibroswarm.optimize.steps import held
+        from vibroswarm.search.steps import held
 
         about = held(folder)
         state = search_state_document(about, is_validated=printed is not None)

@@ -14,13 +14,6 @@ from typing import Any, Final, NamedTuple
 
 import polars as pl
 
-from vibroswarm.analysis.answers_over_time import JUDGED
-from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
-from vibroswarm.analysis.intervals import columns_of
-from vibroswarm.analysis.map_figures import MAPPED, keeps_map
-from vibroswarm.analysis.paired import ESTIMATED
-from vibroswarm.analysis.reports_over_time import report_heading
-from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.numbers import count, counts, number, percent, stated, stated_percent
 from vibroswarm.documents.cell_figures import MAP_CAPTION, column_of, figure_columns, with_limits_of
 from vibroswarm.documents.knowledge import told, versions_in_words
@@ -52,6 +45,13 @@ from vibroswarm.show.document import (
     if_any,
     limits_of,
 )
+from vibroswarm.statistics.answers_over_time import JUDGED
+from vibroswarm.statistics.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
+from vibroswarm.statistics.intervals import columns_of
+from vibroswarm.statistics.map_figures import MAPPED, keeps_map
+from vibroswarm.statistics.paired import ESTIMATED
+from vibroswarm.statistics.reports_over_time import report_heading
+from vibroswarm.statistics.verdict import answers_of
 from vibroswarm.study.comparison import SIGNIFICANT, Answer
 from vibroswarm.study.summary import CellOutcome, Outcome
 

@@ -14,8 +14,6 @@ import numpy as np
 import polars as pl
 from scipy.special import betainc
 
-from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
-from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.core.numbers import count, drawn_of, first_of, listed, stated
 from vibroswarm.documents.cell_figures import TIME_AND_ERROR
 from vibroswarm.documents.figure_axes import Layout, layout_of, name_of, plane_of
@@ -30,6 +28,8 @@ from vibroswarm.plots.heat import draw_density, draw_heat
 from vibroswarm.plots.labels import label_of
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.document import Figure, limits_of
+from vibroswarm.statistics.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
+from vibroswarm.statistics.incidence import robot_incidence, swarm_incidence
 from vibroswarm.study.comparison import Compared, comparison_table
 from vibroswarm.study.runs import groups_of
 from vibroswarm.study.spec import SOURCE

@@ -14,10 +14,6 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.analysis.intervals import Interval
-from vibroswarm.analysis.paired import side
-from vibroswarm.analysis.sampling import blocked_words
-from vibroswarm.analysis.verdict import answers_of as answers_in_words
 from vibroswarm.core.numbers import (
     Estimate,
     count,
@@ -34,6 +30,10 @@ from vibroswarm.core.numbers import (
 )
 from vibroswarm.documents.knowledge import setting as setting_of
 from vibroswarm.scenario.fault_draws import fault_words
+from vibroswarm.statistics.intervals import Interval
+from vibroswarm.statistics.paired import side
+from vibroswarm.statistics.sampling import blocked_words
+from vibroswarm.statistics.verdict import answers_of as answers_in_words
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.comparison import Answer, Compared
 from vibroswarm.study.factors import fields_as_text

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vibroswarm.core.numbers import count, every, percent, verb, whole
-from vibroswarm.optimize.verify import Verified
+from vibroswarm.search.verify import Verified
 from vibroswarm.show.document import Column, Document, Table
 
 

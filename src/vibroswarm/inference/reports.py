@@ -95,7 +95,7 @@ def beliefs_of(arrays: Any, runs: int, robots: int) -> tuple[NDArray[np.float64]
 
 
 ESTIMATE: Final = ("estimate", "estimate_spread")
-"""Reports that are figures of runs anyway (``analysis.figures``)."""
+"""Reports that are figures of runs anyway (``statistics.figures``)."""
 MOST_PLACES: Final = 16
 """Figures are computed of arrays of at most so many places."""
 REPORTED: Final[dict[str, Any]] = {

@@ -40,14 +40,14 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from vibroswarm.analysis.intervals import generator
-from vibroswarm.analysis.paired import holm
 from vibroswarm.inspection.damage import judged, quantiles_of, ratios_at, tiles_below, values_where
 from vibroswarm.inspection.others import Others
 from vibroswarm.inspection.patches import AT_ONCE
 from vibroswarm.inspection.samples import FEWEST, Floats, Law, Samples
 from vibroswarm.inspection.scan import p_value
 from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.statistics.intervals import generator
+from vibroswarm.statistics.paired import holm
 
 DRAWN: Final = 499
 """Surfaces drawn for the p-values."""

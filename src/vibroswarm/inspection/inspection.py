@@ -12,7 +12,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import (
     InputError,
@@ -45,6 +44,7 @@ from vibroswarm.recordings.recording import Recording, read_result
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import check_seed, simulate
+from vibroswarm.statistics.map_scores import map_scores
 
 TIMES: Final = 60
 """Most times of the maps, evenly spaced up to the last sample."""
@@ -95,7 +95,7 @@ class Inspection:
 
     @property
     def last_maps(self) -> pl.DataFrame:
-        """The last maps, as ``analysis.map_figures`` has them."""
+        """The last maps, as ``statistics.map_figures`` has them."""
         maps = self._maps_at(-1)
         return maps if maps.is_empty() else maps.drop("time_s")
 

@@ -24,7 +24,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import generator
 from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.few_groups import limits_of
@@ -52,6 +51,7 @@ from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.sensors.energies import Scale, scale_of, smoothed
+from vibroswarm.statistics.intervals import generator
 
 DRAWS: Final = 20
 """Laws fitted to resampled references, for an inspection."""

@@ -12,7 +12,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError, check_kind, number_of, plain_value, whole_number_of
 from vibroswarm.inspection.damage import drawn_patches, patch_of, random_places
@@ -25,6 +24,7 @@ from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.scenario.fault_fields import failing_sensors
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.intervals import generator
 
 SIDES_M: Final = (0.03, 0.05, 0.07, 0.09, 0.12, 0.15, 0.2, 0.25, 0.3)
 """Sides of the drawn damage."""

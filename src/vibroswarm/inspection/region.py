@@ -29,11 +29,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.jit import kernel
 from vibroswarm.inspection.damage import contrast_ratios, over_laws, quantiles_of, tiles_below
 from vibroswarm.inspection.patches import AROUND, Form, Patches, Shares, log_likelihoods, shares_of
 from vibroswarm.inspection.samples import Floats, Law, Samples
+from vibroswarm.statistics.intervals import generator
 
 HELD: Final = 0.9
 """Probability of the region."""

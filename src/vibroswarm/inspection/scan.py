@@ -21,7 +21,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError
 from vibroswarm.floors.surfaces import Patch
 from vibroswarm.inspection.damage import drawn_parts, judged, ratios_at
@@ -38,6 +37,7 @@ from vibroswarm.inspection.patches import (
 )
 from vibroswarm.inspection.region import Region, between, coarse_shares, posterior_of, region_of
 from vibroswarm.inspection.samples import Floats, Samples
+from vibroswarm.statistics.intervals import generator
 
 REPLICATES: Final = 999
 """Intact surfaces drawn for a p-value."""

@@ -36,7 +36,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import Interval, generator, wilson
 from vibroswarm.core.child_python import processors
 from vibroswarm.errors import InputError, check_kind, keep_plain, number_of, shown
 from vibroswarm.floors.surfaces import place_within
@@ -61,6 +60,7 @@ from vibroswarm.inspection.patches import (
 )
 from vibroswarm.inspection.samples import Floats, Law, Samples
 from vibroswarm.inspection.scan import EVIDENCE, Box, box_of, looks_of
+from vibroswarm.statistics.intervals import Interval, generator, wilson
 
 AT_ONCE: Final = 64
 """Replicates that a core takes side by side."""

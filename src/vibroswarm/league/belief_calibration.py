@@ -31,17 +31,17 @@ import numpy as np
 import polars as pl
 from scipy.special import stdtrit
 
-from vibroswarm.analysis.intervals import (
+from vibroswarm.floors.source import source_of
+from vibroswarm.inference.outcomes import Array, numbers
+from vibroswarm.league.entries import Entry, LeagueFloor
+from vibroswarm.league.standings import League
+from vibroswarm.statistics.intervals import (
     Interval,
     allowing_for_rare,
     columns_of,
     jackknife_error,
     within,
 )
-from vibroswarm.floors.source import source_of
-from vibroswarm.inference.outcomes import Array, numbers
-from vibroswarm.league.entries import Entry, LeagueFloor
-from vibroswarm.league.standings import League
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import fields_read
 from vibroswarm.study.runs import Runs

@@ -12,7 +12,7 @@ settings. The settings were chosen on other runs (``tuning``), so the fronts are
 |---|---|
 | time at a level | time at which the front of a strategy has this forced error |
 | behind | time at a level - that of the fastest strategy, paired, with intervals that hold together |
-| group | strategies that cannot be told apart from the fastest (``analysis.best_group``) |
+| group | strategies that cannot be told apart from the fastest (``statistics.best_group``) |
 
 Limits are from a bootstrap over units (a run of one swarm size). The same draws serve all strategies, so that
 comparisons stay paired; each draw has its own fronts. A front has no value beyond its ends. That is the tolerance of a
@@ -23,7 +23,7 @@ strategies that reach a level are compared at it.
 Entries are also compared by their forced error, and by their decision time where no strategy has a front
 (``best_table``), without crowning noise or guesses. An entry **guesses** if its forced error is not significantly below
 ``GUESS``. It is never called fastest, since any answer can be given at once. No single winner is named, but the group
-without a significant difference from the best (``analysis.best_group``).
+without a significant difference from the best (``statistics.best_group``).
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis import paired
-from vibroswarm.analysis.best_group import best_group
-from vibroswarm.analysis.fronts import METHOD, front_of, on_line
-from vibroswarm.analysis.intervals import columns_of, plain, within
-from vibroswarm.analysis.paired import LEAST_KNOWN
 from vibroswarm.inference.outcomes import Array, costs_of
 from vibroswarm.league.entries import main_entries
 from vibroswarm.league.standings import Standings
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.statistics import paired
+from vibroswarm.statistics.best_group import best_group
+from vibroswarm.statistics.fronts import METHOD, front_of, on_line
+from vibroswarm.statistics.intervals import columns_of, plain, within
+from vibroswarm.statistics.paired import LEAST_KNOWN
 
 LEVELS: Final = (0.01, 0.02, 0.05, 0.10, 0.15, 0.20)
 """Forced errors at which strategies are compared."""

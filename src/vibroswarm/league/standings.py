@@ -33,22 +33,22 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.figures import BY_NAME
-from vibroswarm.analysis.intervals import (
-    Interval,
-    columns_of,
-    mean_interval,
-    plain,
-    within,
-)
-from vibroswarm.analysis.map_figures import MAPPED, keeps_map
-from vibroswarm.analysis.paired import Paired, compare, holm
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import Array, numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries, reference_in
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.statistics.figures import BY_NAME
+from vibroswarm.statistics.intervals import (
+    Interval,
+    columns_of,
+    mean_interval,
+    plain,
+    within,
+)
+from vibroswarm.statistics.map_figures import MAPPED, keeps_map
+from vibroswarm.statistics.paired import Paired, compare, holm
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import told
 from vibroswarm.study.factors import LABEL
@@ -64,7 +64,7 @@ SHOWN: Final = {
     "decision_time_s": "decision_time_s",
     "sent": "sent",
 }
-"""Names in ``analysis.figures`` of the figures that are declared there."""
+"""Names in ``statistics.figures`` of the figures that are declared there."""
 FIGURES: Final = (*SHOWN, "bytes_sent")
 """Figures of the standings; the table of the module's docstring explains them."""
 COMPARED: Final = ("forced_error", "decision_time_s")

@@ -38,13 +38,13 @@ import numpy as np
 import polars as pl
 import tomli_w
 
-from vibroswarm.analysis.fronts import front_of
 from vibroswarm.core.numbers import count, listed, rounded
 from vibroswarm.errors import InputError, check_kind, check_known_keys, in_file
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.entries import AIM, Entry, LeagueFloor, entries_of, read_settings, shipped
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.scenario.scenario import Scenario, field_types
+from vibroswarm.statistics.fronts import front_of
 from vibroswarm.study.factors import bounds_of, points_of
 
 AIMS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.12, 0.14, 0.16, 0.18, 0.20, 0.25)

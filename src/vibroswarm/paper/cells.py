@@ -20,11 +20,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.figures import interval
-from vibroswarm.analysis.intervals import columns_of, mean_interval
 from vibroswarm.core.child_python import processors
 from vibroswarm.inference.outcomes import Columns, capped_time_s, numbers
 from vibroswarm.scenario.scenario import Scenario, differences, preset
+from vibroswarm.statistics.figures import interval
+from vibroswarm.statistics.intervals import columns_of, mean_interval
 from vibroswarm.study.cells import Cell as StudyCell
 from vibroswarm.study.run import StudyProgress, run
 from vibroswarm.study.runs import OF_RUN, Runs
@@ -92,7 +92,7 @@ class CellResult:
     row: dict[str, Any]
     """Summary of the cell's figures with their limits, by name, see ``row_of``."""
     figures: Figures
-    """Figures of each run, (runs,) each: ``analysis.figures`` and ``WALK``."""
+    """Figures of each run, (runs,) each: ``statistics.figures`` and ``WALK``."""
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,8 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
-from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.paper.claims import MEASURED
+from vibroswarm.statistics.intervals import Interval, mean_interval
 
 Row = dict[str, Any]
 """Row of the table ``claims.MEASURED``, by column."""

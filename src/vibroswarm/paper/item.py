@@ -5,7 +5,7 @@ Saved tables carry a fingerprint of everything they depend on.
 
 A **column** is a preset of the reproduction. A claim cannot be asked of a column for one of two reasons. First,
 decisions and decision times answer the paper's question only if the expected share of ones lies on the same side of the
-boundary as the fill ratio (``analysis.decidability``). Second, a sensor whose edge response was fitted on tiles of one
+boundary as the fill ratio (``statistics.decidability``). Second, a sensor with an edge response fitted on tiles of one
 size cannot be used on smaller tiles, of which edges take up a larger share: no recording shows that vibration reaches
 as far there.
 """
@@ -22,7 +22,6 @@ from typing import Any, Final, NamedTuple
 
 import polars as pl
 
-from vibroswarm.analysis.decidability import decidability, decidability_of_share
 from vibroswarm.core.atomic_io import MANIFEST, whole_folder, write_files
 from vibroswarm.core.folders import about_file, manifest_text, read_described
 from vibroswarm.core.jit import hash_of_files
@@ -39,6 +38,7 @@ from vibroswarm.plots import Picture as Drawn
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Figure
 from vibroswarm.simulation import versions
+from vibroswarm.statistics.decidability import decidability, decidability_of_share
 from vibroswarm.study.batch import WALK
 
 Tables = dict[str, pl.DataFrame]
@@ -330,7 +330,7 @@ def code_hash() -> str:
     The sources of the simulation are left out, because ``fingerprint`` covers them by ``versions``.
     """
     top = Path(__file__).parent.parent
-    packages = ("analysis", "calibrate", "recordings", "optimize", "paper", "study")
+    packages = ("statistics", "calibrate", "recordings", "search", "paper", "study")
     paths = sorted(path for package in packages for path in (top / package).rglob("*"))
     return hash_of_files(top, [path for path in paths if path.suffix in (".py", ".json", ".toml")])
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.analysis.fronts import pareto_front
 from vibroswarm.core.numbers import count
 from vibroswarm.plots.curves import thinned
 from vibroswarm.plots.inputs import run_counts, tidy
@@ -17,6 +16,7 @@ from vibroswarm.plots.labels import label_points
 from vibroswarm.plots.layout import few_ticks, legend_below, of_runs, percent_axis, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, PAPER, SERIES, Look, Style, row_looks, style_named
+from vibroswarm.statistics.fronts import pareto_front
 
 NAMED_UP_TO = {"column": 24, "page": 45, "slide": 24}
 """Most points of the front that get a number and a name below the picture, if the names do not fit beside the points.

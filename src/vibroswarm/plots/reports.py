@@ -10,18 +10,18 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.reports_over_time import (
-    estimates_of,
-    report_headings,
-    reports_over_time,
-    true_number_over_time,
-)
 from vibroswarm.core.numbers import count, first_of, number
 from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import few_ticks, new_figure, panels_of
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import INK, LINES, SERIES, style_named
 from vibroswarm.result import Result
+from vibroswarm.statistics.reports_over_time import (
+    estimates_of,
+    report_headings,
+    reports_over_time,
+    true_number_over_time,
+)
 
 MOST_PANELS: Final = 6
 """Most values that are drawn, the first ones."""

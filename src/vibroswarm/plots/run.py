@@ -14,7 +14,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.verdict import answers_of, estimates_in_words, verdict
 from vibroswarm.core.numbers import count, first_of, number
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.surfaces import Patch
@@ -24,6 +23,7 @@ from vibroswarm.plots.layout import panels_of
 from vibroswarm.plots.picture import Picture, drawn, save_figure
 from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, RUN, WORDS, kind_colours, kind_hatch
 from vibroswarm.result import Result
+from vibroswarm.statistics.verdict import answers_of, estimates_in_words, verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -400,7 +400,7 @@ def maps_figure(
     not known (``vibrates`` is null) there are no crosses, and no words about them.
 
     Args:
-        maps: the table of ``analysis.map_figures.floor_maps``, in which the pooled map has null as its robot, and the
+        maps: the table of ``statistics.map_figures.floor_maps``, in which the pooled map has null as its robot, and the
             tiles of each map are sorted by row, then column. run: number of a run that the table has.
         tile_m: width and height of a tile; maps are to scale. label: of the colours.
     """

@@ -24,8 +24,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.answers_over_time import ANSWERS, answers_table
-from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.jit import read_only, zero_rows
 from vibroswarm.core.rng import SEED_LIMIT, Purpose, uniform
@@ -47,6 +45,8 @@ from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, field_types, parse_setting
 from vibroswarm.simulation import MAX_RUNS
+from vibroswarm.statistics.answers_over_time import ANSWERS, answers_table
+from vibroswarm.statistics.sampling import packet_loss
 from vibroswarm.strategies import Strategy, known
 from vibroswarm.strategies import strategy as strategy_of
 

@@ -26,9 +26,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.decidability import Decidability, decidability_of_share, observed_share
-from vibroswarm.analysis.intervals import Interval, bounded_mean, student_factor
-from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
 from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.rng import Purpose, uniforms
@@ -36,6 +33,9 @@ from vibroswarm.errors import InputError, check_kind, number_of
 from vibroswarm.floors.floor import Floor, refuse_changes, refuse_kinds
 from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
+from vibroswarm.statistics.decidability import Decidability, decidability_of_share, observed_share
+from vibroswarm.statistics.intervals import Interval, bounded_mean, student_factor
+from vibroswarm.statistics.sampling import effective_samples, effective_with_sensor
 
 
 def resample(seed: int, draw: int, stream: int, count: int) -> Ints:

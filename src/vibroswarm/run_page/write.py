@@ -16,21 +16,6 @@ import numpy as np
 import polars as pl
 from scipy.special import betainc
 
-from vibroswarm.analysis.map_figures import keeps_floor_map, maps_over_time
-from vibroswarm.analysis.reports_over_time import (
-    estimates_of,
-    report_headings,
-    reports_over_time,
-    true_number_over_time,
-)
-from vibroswarm.analysis.robot_knowledge import true_places_notes
-from vibroswarm.analysis.verdict import (
-    Verdict,
-    estimates_in_words,
-    holds_opinions,
-    strategy_name,
-    verdict,
-)
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError, check_kind
@@ -43,6 +28,21 @@ from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.statistics.map_figures import keeps_floor_map, maps_over_time
+from vibroswarm.statistics.reports_over_time import (
+    estimates_of,
+    report_headings,
+    reports_over_time,
+    true_number_over_time,
+)
+from vibroswarm.statistics.robot_knowledge import true_places_notes
+from vibroswarm.statistics.verdict import (
+    Verdict,
+    estimates_in_words,
+    holds_opinions,
+    strategy_name,
+    verdict,
+)
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.static_analysis import fields_read
 

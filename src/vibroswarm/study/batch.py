@@ -2,7 +2,7 @@
 
 Readings are taken once for each floor, sensor and end of the runs, and each strategy is replayed on them. The result is
 one frame with a row for each scenario and run: the run's outcome, how its robots sampled, its figures
-(``analysis.figures``), and columns ``robot.*`` with a list of one value for each robot.
+(``statistics.figures``), and columns ``robot.*`` with a list of one value for each robot.
 
 If cells differ only in ``run.t_end_s``, the longest motion is simulated, and the others use its beginning. If runs end
 when all robots have decided, or a strategy steers, the motion depends on decisions, and only equal scenarios share it.
@@ -21,11 +21,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.answers_over_time import JUDGED, agreements_of, answers_table, may_change
-from vibroswarm.analysis.figures import FOLLOWED, Swarms, figures_of
-from vibroswarm.analysis.map_figures import MAPPED, keeps_map, map_figures
-from vibroswarm.analysis.sampling import WALK as OF_WALK
-from vibroswarm.analysis.sampling import Walk
 from vibroswarm.errors import CodeError, RunError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import arrays_fit, final_columns, strategy_used
@@ -57,9 +52,14 @@ from vibroswarm.simulation import (
     steers,
     versions,
 )
+from vibroswarm.statistics.answers_over_time import JUDGED, agreements_of, answers_table, may_change
+from vibroswarm.statistics.figures import FOLLOWED, Swarms, figures_of
+from vibroswarm.statistics.map_figures import MAPPED, keeps_map, map_figures
+from vibroswarm.statistics.sampling import WALK as OF_WALK
+from vibroswarm.statistics.sampling import Walk
 
 WALK: Final = {name: kind for name, kind in OF_WALK.items() if name not in ("run", "samples")}
-"""Columns of the run about how its robots sampled, see ``analysis.sampling``."""
+"""Columns of the run about how its robots sampled, see ``statistics.sampling``."""
 OF_ROBOTS: Final = {name: kind for name, kind in ROBOTS.items() if name not in ("run", "robot")}
 """Columns with a value for each robot."""
 REPORT: Final = pl.List(pl.Struct({name: kind for name, kind in REPORTED.items() if name != "run"}))

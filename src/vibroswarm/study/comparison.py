@@ -20,9 +20,9 @@ from typing import Any, Final, NamedTuple
 
 import polars as pl
 
-from vibroswarm.analysis.figures import BY_COLUMN
-from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Paired, compare, holm
 from vibroswarm.errors import check_choice
+from vibroswarm.statistics.figures import BY_COLUMN
+from vibroswarm.statistics.paired import COMPARED, ESTIMATED, Paired, compare, holm
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.factors import LABEL
 from vibroswarm.study.runs import Runs
@@ -172,7 +172,7 @@ def _key(cell: Cell, without: Sequence[str] | set[str]) -> str:
 def comparisons(runs: Runs, reference: str | None = None) -> list[Compared]:
     """Compare all pairs of cells in all figures, with p-values corrected over all comparisons (Holm).
 
-    Returns: the comparisons pair by pair; those of a pair in the order of ``analysis.paired.COMPARED``, or of its
+    Returns: the comparisons pair by pair; those of a pair in the order of ``statistics.paired.COMPARED``, or of its
         ``ESTIMATED`` where the task asks for a number.
     """
     pairs = [pair for pair in pairs_of(runs.cells, reference) if all(runs.there[c.number] for c in pair[:2])]

@@ -1,7 +1,7 @@
 """Detection as a study: how many robots, and how much time, for few misses and few false alarms.
 
 ``detection_study`` makes the study of random floors around a boundary, ``detection_of`` reads its runs
-(``analysis.detection``).
+(``statistics.detection``).
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.analysis.decidability import decidability
-from vibroswarm.analysis.detection import detection_curve, needed, pairs
-from vibroswarm.analysis.intervals import wilson_limits
-from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import source_of
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.statistics.decidability import decidability
+from vibroswarm.statistics.detection import detection_curve, needed, pairs
+from vibroswarm.statistics.intervals import wilson_limits
+from vibroswarm.statistics.map_figures import MAPPED, keeps_map
 from vibroswarm.study.runs import Runs
 from vibroswarm.study.spec import Study
 from vibroswarm.study.summary import outcome_of
@@ -36,8 +36,8 @@ class Detection:
     """What a detection found."""
 
     tables: Mapping[str, pl.DataFrame]
-    """``detection``, ``needed`` and ``pairs``, as ``analysis.detection`` makes them; ``maps`` if robots keep maps; and
-    ``summary``, all figures of each cell (``Outcome.table``)."""
+    """``detection``, ``needed`` and ``pairs``, as ``statistics.detection`` makes them; ``maps`` if robots keep maps;
+    and ``summary``, all figures of each cell (``Outcome.table``)."""
     scenario: Scenario
     """The scenario of all runs, in which floor and number of robots vary."""
     seed: int

@@ -15,9 +15,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from vibroswarm.analysis import figures
-from vibroswarm.analysis.intervals import Interval, check_level, wilson_limits
 from vibroswarm.errors import InputError, check_choice, share_from, whole_number_of
+from vibroswarm.statistics import figures
+from vibroswarm.statistics.intervals import Interval, check_level, wilson_limits
 
 FIRST_LOOK: Final = 100
 """Number of runs at the first look; it doubles from look to look."""

@@ -7,9 +7,9 @@
 | decision_time_s | mean over robots; one that did not decide counts with the end of the run (``robots_undecided``) |
 | consensus_time_s | null if ``swarm_undecided`` (without consensus), where ``swarm_time_s`` is the end of the run |
 | robots, robots_right, ... | numbers of robots |
-| right_share, ... | shares of robots, and the other figures of ``analysis.figures`` |
+| right_share, ... | shares of robots, and the other figures of ``statistics.figures`` |
 | swarm_right, ... | whether the run ended so |
-| avoid_per_sample_s, ... | how robots sampled (``analysis.sampling``) |
+| avoid_per_sample_s, ... | how robots sampled (``statistics.sampling``) |
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.figures import BY_NAME, FIGURES, columns_of, interval
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError
@@ -32,6 +31,7 @@ from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, numbers
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.figures import BY_NAME, FIGURES, columns_of, interval
 from vibroswarm.study.batch import OF_ROBOTS, WALK, motion_key, samples_of_run
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.precision import Precision, Settled

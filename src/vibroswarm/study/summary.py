@@ -15,12 +15,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.cell_summary import CellSummary, summaries_of
-from vibroswarm.analysis.decidability import Decidability, decidability
-from vibroswarm.analysis.figures import columns_of, interval
-from vibroswarm.analysis.intervals import columns_of as interval_columns
-from vibroswarm.analysis.intervals import mean_interval, within
-from vibroswarm.analysis.robot_knowledge import counted, gate_unreached
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.folders import about_file
 from vibroswarm.core.notebook_view import NotebookView
@@ -29,6 +23,12 @@ from vibroswarm.core.tables import csv_bytes, parquet_bytes
 from vibroswarm.errors import warn_once
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import numbers
+from vibroswarm.statistics.cell_summary import CellSummary, summaries_of
+from vibroswarm.statistics.decidability import Decidability, decidability
+from vibroswarm.statistics.figures import columns_of, interval
+from vibroswarm.statistics.intervals import columns_of as interval_columns
+from vibroswarm.statistics.intervals import mean_interval, within
+from vibroswarm.statistics.robot_knowledge import counted, gate_unreached
 from vibroswarm.study.batch import WALK
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.comparison import Answer, Compared, answers_of, comparison_table, comparisons
@@ -51,7 +51,7 @@ class CellOutcome:
     settled: Settled | None = None
     """How far the cell is at its last look; None if no precision is wanted, or before the first look."""
     unreached: str = ""
-    """Why no robot was allowed to decide (``analysis.robot_knowledge``); empty if one was."""
+    """Why no robot was allowed to decide (``statistics.robot_knowledge``); empty if one was."""
 
 
 @dataclass(frozen=True)

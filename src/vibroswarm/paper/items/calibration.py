@@ -16,7 +16,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import columns_of, mean_interval, plain
 from vibroswarm.calibrate.camera import seen_through
 from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
 from vibroswarm.calibrate.histograms import draw_maps, draw_shares, histograms_of
@@ -40,6 +39,7 @@ from vibroswarm.plots import draw_error_bars
 from vibroswarm.result import Result
 from vibroswarm.show.document import Column
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.intervals import columns_of, mean_interval, plain
 
 LABELS: Final = {
     "avoidance": "avoidance time per sample (s)",

@@ -28,7 +28,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import mean_interval, plain
 from vibroswarm.core.numbers import stated
 from vibroswarm.paper.cell_tables import FIGURES, both_forms, two_forms
 from vibroswarm.paper.claim_values import Row, frame, mean
@@ -47,6 +46,7 @@ from vibroswarm.paper.item import (
 )
 from vibroswarm.plots import draw_error_bars
 from vibroswarm.show.document import Column
+from vibroswarm.statistics.intervals import mean_interval, plain
 
 HERE: Final = "random:0.48"
 """Floor of the paper's search, and of its grid of eta and kappa: random floors of fill ratio 0.48."""

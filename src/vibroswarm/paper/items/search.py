@@ -14,8 +14,12 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.intervals import Interval, columns_of
-from vibroswarm.optimize import (
+from vibroswarm.paper.claim_values import Row, exact, frame, of_interval
+from vibroswarm.paper.columns import parameters, published
+from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work, picture
+from vibroswarm.plots import draw_parameters, draw_search
+from vibroswarm.scenario.scenario import preset
+from vibroswarm.search import (
     Found,
     Objective,
     PsoSettings,
@@ -27,12 +31,8 @@ from vibroswarm.optimize import (
     run_search,
     truth_of,
 )
-from vibroswarm.paper.claim_values import Row, exact, frame, of_interval
-from vibroswarm.paper.columns import parameters, published
-from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work, picture
-from vibroswarm.plots import draw_parameters, draw_search
-from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.document import Column
+from vibroswarm.statistics.intervals import Interval, columns_of
 from vibroswarm.study.spec import Study
 
 COLUMN: Final = "paper"

@@ -14,7 +14,6 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.paper.cell_tables import two_forms
 from vibroswarm.paper.cells import on_threads
 from vibroswarm.paper.claim_values import Row, frame, log_spread, mean
@@ -24,6 +23,7 @@ from vibroswarm.plots import draw_density
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column
 from vibroswarm.simulation import simulate
+from vibroswarm.statistics.intervals import mean_interval
 
 MOST_RUNS: Final = 200
 """Most runs whose samples are analysed."""

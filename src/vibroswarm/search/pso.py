@@ -1,0 +1,300 @@
+"""Search with the paper's noise-resistant particle swarm.
+
+| name | symbol | equation |
+|---|---|---|
+| velocity | v_i | v' = w v + w_p R_1 (p_b - p) + w_g R_2 (g_b - p) (Eq. 21a) |
+| position | p_i | p' = p + v' (Eq. 21b), clipped to the bounds |
+| inertia | w | from 1.0 to 0.4, linear over the iterations |
+| weights | w_p, w_g | 0.75, 0.75 |
+| random factors | R_1, R_2 | diagonal, uniform in (0, 1), for each particle, dimension and iteration |
+| evaluations | N_e | 10, and 10 more for the best 20 % |
+
+A personal best (p_b) is the best candidate of one particle so far, the global best (g_b) the best of all personal
+bests. In each iteration every particle is a new candidate at its position. After the first evaluations of these
+candidates, some candidates get extra evaluations. The setting ``noise`` determines which candidates get the extra
+evaluations, and how personal bests are scored:
+
+* ``fixed``, as in the paper: the best 20 % of the particles get them. A personal best keeps the score that it had when
+  it became a personal best, so that the luckiest candidate wins.
+* ``as-ran``, as in the paper's program: like ``fixed``, but velocities are 0 at first, the first move has the full
+  inertia w = 1.0, all particles share the runs of an iteration (``shared_run``), and runs that crash are dropped.
+* ``rescore`` (default): the best of the particles and the personal bests together get them, as many candidates as with
+  ``fixed``. Every score uses all evaluations of its candidate so far.
+* ``ocba``: extra evaluations are allocated where they best discriminate between candidates (see ``race``). Every score
+  uses all evaluations of its candidate so far.
+
+With ``rescore`` and ``ocba``, scores are corrected for small-sample bias, and candidates are compared by the score plus
+``caution`` standard errors.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from vibroswarm.errors import InputError, check_choice, keep_plain, number_of, whole_number_of
+from vibroswarm.search.archive import Archive
+from vibroswarm.search.methods import Ask, Iteration, Method, chance, iteration_of, register
+from vibroswarm.search.race import allocate_runs
+from vibroswarm.search.space import Point
+
+if TYPE_CHECKING:
+    from vibroswarm.search.spec import Search
+
+NOISE: Final = ("rescore", "ocba", "fixed", "as-ran")
+"""Choices of the setting ``noise``; see the head of this module."""
+FIRST_REEVALUATION: Final = 2
+"""Number from which ``shared_run`` counts the evaluations of a candidate. It follows from the 265 distinct run numbers
+of the paper's study: of ten numbers in a row only 2 to 11, times iterations 1 to 50, give 265 distinct products."""
+
+
+def shared_run(evaluation: int, iteration: int) -> int:
+    """Return the run number of an evaluation as in the paper's program: (evaluation + 2) (iteration + 1).
+
+    The number does not depend on the particle, so that all particles of an iteration share their runs. Different pairs
+    of evaluation and iteration often have the same number: the ten first evaluations of each of 50 iterations have only
+    265 distinct numbers.
+
+    Args:
+        evaluation: number of the candidate's evaluation, from 0; extra evaluations continue the count.
+        iteration: from 0.
+    """
+    return (evaluation + FIRST_REEVALUATION) * (iteration + 1)
+
+
+@dataclass(frozen=True)
+class PsoSettings:
+    """The swarm's settings; defaults are the paper's except for ``noise``.
+
+    Raises:
+        InputError: a setting is not a number or out of range, or ``noise`` is unknown.
+    """
+
+    particles: int = 25
+    """Number of particles."""
+    iterations: int = 50
+    """Number of iterations."""
+    evaluations: int = 10
+    """Runs of each particle in each iteration."""
+    extra: int = 10
+    """Extra runs of each candidate that gets any; with ``ocba`` only their sum, ``extra_runs``, is used."""
+    extra_share: float = 0.2
+    """Number of candidates that get extra runs, the best ones, as a share of the number of particles."""
+    inertia_first: float = 1.0
+    """Inertia omega in the first iteration; it falls linearly."""
+    inertia_last: float = 0.4
+    """Inertia omega in the last iteration."""
+    weight_personal: float = 0.75
+    """Weight omega_p of the attraction to the personal best."""
+    weight_global: float = 0.75
+    """Weight omega_g of the attraction to the global best."""
+    first_velocity: float = 0.1
+    """Initial velocities in the unit cube are uniform between minus and plus this number (``as-ran``: 0)."""
+    noise: str = "rescore"
+    """``rescore``, ``ocba``, ``fixed`` (the paper) or ``as-ran`` (its program), see docs/optimizing.md."""
+    caution: float = 1.0
+    """With ``rescore`` and ``ocba``: candidates are compared by score plus this number of standard errors."""
+    crash_share: float = 0.0
+    """With ``as-ran``: share of runs, chosen at random, that count as crashed; in the paper's study a tenth did."""
+
+    def __post_init__(self) -> None:
+        """Check all settings.
+
+        Raises:
+            InputError: naming the setting that is wrong.
+        """
+        keep_plain(self)
+        for name, low in (("particles", 1), ("iterations", 1), ("evaluations", 1), ("extra", 0)):
+            whole_number_of(getattr(self, name), f"pso.{name}", low, 10**9)
+        for name in (
+            "extra_share", "inertia_first", "inertia_last", "weight_personal", "weight_global",
+            "first_velocity", "caution",
+        ):  # fmt: skip
+            # a share is at most 1; the limit of the others is far above all useful values
+            number_of(getattr(self, name), f"pso.{name}", 0, 1 if name == "extra_share" else 1000)
+        check_choice(self.noise, "pso.noise", NOISE)
+        number_of(self.crash_share, "pso.crash_share", 0, 0.9)  # below 1, so that some runs are left to score
+        if self.crash_share and self.noise != "as-ran":
+            raise InputError('needs noise = "as-ran"; elsewhere no run is dropped', field="pso.crash_share")
+
+    @property
+    def keeps_scores(self) -> bool:
+        """Whether a personal best keeps the score with which it became one, as in the paper."""
+        return self.noise in ("fixed", "as-ran")
+
+    @property
+    def best_of(self) -> int:
+        """Number of candidates with extra evaluations in one iteration; with ``ocba`` the number may differ."""
+        rounding_error = 1e-9  # a product such as 0.2 x 25 may come out a little above 5
+        return math.ceil(self.extra_share * self.particles - rounding_error)
+
+    @property
+    def runs_an_iteration(self) -> int:
+        """Runs in one iteration; fewer if ``ocba`` allocates no extra runs."""
+        return self.particles * self.evaluations + self.extra_runs
+
+    @property
+    def extra_runs(self) -> int:
+        """Extra runs in one iteration, of all candidates together."""
+        return self.best_of * self.extra
+
+
+class Pso:
+    """The swarm, with positions in the unit cube.
+
+    An iteration takes one or two requests: first the evaluations of all particles, then the extra ones if there are
+    any.
+    """
+
+    name = "pso"
+
+    def __init__(
+        self, archive: Archive, seed: int, settings: PsoSettings, starts: list[Point] | None = None
+    ) -> None:
+        """Place the particles: the first ones at the ``starts``, the others uniformly at random.
+
+        Args:
+            archive: gets the candidates. seed: of the search. settings: of the swarm.
+            starts: points in the unit cube; None: there are none.
+        Raises:
+            InputError: there are more starts than particles.
+        """
+        self.archive, self.seed, self.settings = archive, seed, settings
+        self.iterations, self.iteration = settings.iterations, 0
+        self.extras = False
+        """Whether the first evaluations of this iteration are done, so that the extra ones are requested next."""
+        self.history: list[Iteration] = []
+        shape = (settings.particles, archive.space.size)
+        random = chance(seed, "pso begins")
+        self.position = random.random(shape)
+        span = 0.0 if settings.noise == "as-ran" else settings.first_velocity
+        self.velocity = span * (2.0 * random.random(shape) - 1.0)
+        for k, start in enumerate(starts or []):
+            self.position[k] = start
+        self.current: list[int] = []
+        """Keys of the candidates of this iteration, one per particle."""
+        self.personal: list[int] = []
+        """Keys of the personal bests, one per particle; empty before the end of the first iteration."""
+        self.kept = np.full(settings.particles, math.inf)
+        """Score of each personal best at the time at which it became one; read only if ``settings.keeps_scores``."""
+
+    def ask(self) -> list[Ask]:
+        """Request runs; the list is empty after the last iteration.
+
+        The first request of an iteration adds a candidate for each particle, and requests its first evaluations. The
+        second requests the extra evaluations.
+        """
+        if self.iteration == self.iterations:
+            return []
+        if not self.extras:
+            origin = f"pso {self.iteration + 1}"
+            self.current = [self.archive.new(point, origin, self.iteration) for point in self.position]
+            return [Ask(key, self.settings.evaluations) for key in self.current]
+        return self._extra_asks()
+
+    def tell(self) -> None:
+        """Finish an iteration: update the personal bests, add the iteration to the history, and move the particles.
+
+        If extra evaluations are still due, the iteration is not finished, and the next ``ask`` requests them.
+        """
+        if not self.extras and self.settings.extra_runs:
+            self.extras = True
+            if self._extra_asks():  # with ``ocba`` there may be none
+                return
+        self.extras = False
+        self._update_bests()
+        self.iteration += 1
+        personal = self._personal_scores()
+        self.history.append(
+            iteration_of(
+                self.archive,
+                self.iteration,
+                self.current,
+                best=(self.best(), float(personal.min())),
+                points=self.position,
+                personal=personal,
+            )
+        )
+        if self.iteration < self.iterations:
+            self._move()
+
+    def best(self) -> int:
+        """Return the key of the candidate that is the global best; of equals, that of the first particle.
+
+        Only after the first iteration: there are no personal bests before.
+        """
+        return self.personal[int(np.argmin(self._personal_scores()))]
+
+    def finalists(self, count: int) -> list[int]:
+        """Return the keys of up to ``count`` distinct personal bests, the best first.
+
+        Only after the first iteration, as ``best``.
+        """
+        order = np.argsort(self._personal_scores(), kind="stable")
+        return list(dict.fromkeys(self.personal[k] for k in order))[:count]
+
+    def _extra_asks(self) -> list[Ask]:
+        """Return the requests of the extra evaluations, according to ``noise``; see the module's description.
+
+        With ``ocba`` the list may be empty: no runs are allocated if no candidate has a finite estimate and error.
+        """
+        settings, archive = self.settings, self.archive
+        if settings.keeps_scores:  # "fixed" and "as-ran"
+            order = sorted(self.current, key=lambda k: (archive.score(k), k))
+            return [Ask(key, settings.extra) for key in order[: settings.best_of]]
+        candidates = list(dict.fromkeys([*self.personal, *self.current]))  # each candidate once
+        if settings.noise == "rescore":
+            candidates.sort(key=lambda k: (archive.estimate(k)[0], k))
+            return [Ask(key, settings.extra) for key in candidates[: settings.best_of]]
+        return allocate_runs(archive, candidates, settings.extra_runs)
+
+    def _update_bests(self) -> None:
+        """Replace the personal best of each particle whose current candidate has a lower score."""
+        scores = np.array([self._score(key) for key in self.current])
+        if not self.personal:  # the first iteration
+            self.personal, self.kept = list(self.current), scores
+            return
+        for particle in np.flatnonzero(scores < self._personal_scores()):
+            self.personal[particle], self.kept[particle] = self.current[particle], scores[particle]
+
+    def _score(self, key: int) -> float:
+        """Return the score that compares candidates: corrected and cautious, but for ``fixed`` and ``as-ran``."""
+        if self.settings.keeps_scores:
+            return self.archive.score(key)
+        return self.archive.cautious(key, self.settings.caution)
+
+    def _personal_scores(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """Return the scores of the personal bests, from all their runs so far, but for ``fixed`` and ``as-ran``."""
+        if self.settings.keeps_scores:
+            return self.kept
+        return np.array([self._score(key) for key in self.personal])
+
+    def _move(self) -> None:
+        """Move all particles by the velocity update of the paper, with positions clipped to the unit cube."""
+        settings = self.settings
+        # The inertia falls linearly from iteration to iteration. The first move follows iteration 1: in the paper's
+        # program this move has the full inertia, otherwise the inertia has fallen by one step by then.
+        elapsed = self.iteration - 1 if settings.noise == "as-ran" else self.iteration
+        fraction = elapsed / (self.iterations - 1)  # not 0: a swarm with a single iteration never moves
+        inertia = settings.inertia_first + fraction * (settings.inertia_last - settings.inertia_first)
+        r_1, r_2 = chance(self.seed, f"pso {self.iteration + 1}").random(
+            (2, *self.position.shape)
+        )  # R_1, R_2
+        to_personal = np.array([self.archive[key].point for key in self.personal]) - self.position
+        to_global = self.archive[self.best()].point - self.position
+        self.velocity = (  # Eq. 21a
+            inertia * self.velocity
+            + settings.weight_personal * r_1 * to_personal
+            + settings.weight_global * r_2 * to_global
+        )
+        self.position = np.clip(self.position + self.velocity, 0.0, 1.0)  # Eq. 21b
+
+
+def _begin(archive: Archive, search: Search) -> Pso:
+    return Pso(archive, search.seed, search.pso_settings, search.starts)
+
+
+PSO = register(Method("pso", _begin))

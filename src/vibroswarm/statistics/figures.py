@@ -1,0 +1,641 @@
+"""Figures of runs and of cells: each is declared here, once, and is then in tables, pages, pictures and comparisons.
+
+A figure of a run is one number for each run. The figure of a cell (one scenario, many runs) is made of them, with an
+interval that treats the run as the independent unit:
+
+| kind | figure of a cell | interval |
+|---|---|---|
+| mean | mean over the runs that have the figure | Student's t, within what a mean can be |
+| runs | share of the runs, of those that have the figure, in which it is 1 and not 0 | Wilson |
+| robots | sum of a number of robots over runs / sum of another | Wilson, with an effective number of robots |
+| median | median over runs; a run without the figure counts as infinitely late | order statistics |
+
+Columns of the table of figures by run that are no figures of a cell themselves are numbers of robots: ``robots``, and
+of them ``right``, ``wrong``, ``undecided`` and ``decided`` (right or wrong). Right, wrong and decided are nan in runs
+without a truth: there the fill ratio lies on the boundary, so that neither decision is right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike, NDArray
+
+from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import (
+    CONSENSUS,
+    RUNS,
+    Array,
+    Columns,
+    capped_time_s,
+    forced_errors,
+    mean_by_run,
+    numbers,
+    sum_by_run,
+)
+from vibroswarm.statistics.intervals import (
+    Interval,
+    bounded_mean,
+    cluster_share,
+    quantile_interval,
+    rate_interval,
+    wilson,
+)
+
+COUNTS: Final = ("right", "wrong", "undecided")
+"""Columns of the table of runs with numbers of robots."""
+STATED: Final = "stated"
+"""Column of the table of figures by run: number of robots that state the spread of their estimate. It is not one of
+``Swarms.counts``, which searches and leagues read of robots without spreads."""
+
+
+WITHIN: Final = 1.6448536269514722
+"""Half of a 90 % interval of a normal distribution, in standard deviations."""
+ROOT_TAU, ROOT_PI = math.sqrt(2.0 * math.pi), math.sqrt(math.pi)
+
+
+FOLLOWED: Final = {
+    "agreement_held": "holds",
+    **{
+        name: name
+        for name in (
+            *("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
+            "change_time_error_s",
+            *("map_brier", "map_auc", "map_location_error_m", "detection_time_s"),
+        )
+    },
+}
+"""Columns of runs that only some have, by name, with their name in the table of agreements: of answers followed over
+time (``statistics.answers_over_time``), and of maps (``statistics.map_figures``)."""
+
+
+class Swarms:
+    """Runs and their robots, from which the figures of runs are computed. The robots of all runs are in one row.
+
+    Args:
+        robots: columns of the table of robots, (robots of all runs,) each, run by run; nan where a value is missing.
+        runs: columns of the table of runs, (runs,) each; ``consensus`` is an index into ``outcomes.CONSENSUS``.
+            ``agreement_held`` is 1 if opinions still agree at the end, 0 if not, and nan without an agreement.
+        first: (runs,): index of each run's first robot. t_end_s: end of the runs, s: one number, or one for each run.
+        costs: of ``outcomes.costs_of``, one table for all runs or one for each, (runs, answers, answers).
+    """
+
+    def __init__(
+        self,
+        robots: Columns,
+        runs: Columns,
+        first: NDArray[np.intp],
+        t_end_s: ArrayLike,
+        costs: Array | None = None,
+    ) -> None:
+        self.robots, self.runs, self.first, self.costs = robots, runs, first, costs
+        self.count: NDArray[np.int64] = np.diff(np.append(first, robots["decision"].size)).astype(np.int64)
+        self.t_end_s = np.broadcast_to(np.asarray(t_end_s, dtype=np.float64), first.shape)
+
+    @classmethod
+    def of_tables(
+        cls,
+        robots: pl.DataFrame,
+        runs: pl.DataFrame,
+        t_end_s: float,
+        agreements: pl.DataFrame | None = None,
+        costs: Array | None = None,
+    ) -> Swarms:
+        """Read the tables of one cell, as a ``Result`` has them, in any order of rows.
+
+        Args:
+            t_end_s: end of a run, s. agreements: ``answers_over_time.AGREEMENTS``; None: decisions are final.
+            costs: of the cell's scenario, ``outcomes.costs_of``.
+        Raises:
+            InputError: the tables have different runs, or a run occurs twice.
+        """
+        robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
+        runs = runs.sort("run")
+        number = robots["run"].to_numpy()
+        # A run starts at row 0, if the table has rows, and wherever the run number changes.
+        first = np.flatnonzero(np.append(number.size > 0, number[1:] != number[:-1]))
+        if number[first].tolist() != runs["run"].to_list():  # each run of the robots once, in ascending order
+            raise InputError(
+                "the tables of robots and of runs must have the same runs, once each", field="runs"
+            )
+        if agreements is not None:
+            runs = runs.join(agreements, on="run", how="left", maintain_order="left")
+        return cls.of_sorted(robots, runs, first, t_end_s, costs)
+
+    @classmethod
+    def of_sorted(
+        cls,
+        robots: pl.DataFrame,
+        runs: pl.DataFrame,
+        first: NDArray[np.intp],
+        t_end_s: ArrayLike,
+        costs: Array | None = None,
+    ) -> Swarms:
+        """Read tables with the same order of runs, possibly of several cells.
+
+        Args:
+            runs: with those columns of agreements and maps that are known. first, t_end_s, costs: as of the class.
+        """
+        # Figures compare the integer codes of the categories. The cast gives a column of plain strings these codes too.
+        of_runs = _TableColumns(runs.with_columns(pl.col("consensus").cast(RUNS["consensus"]).to_physical()))
+        for name, column in FOLLOWED.items():
+            known = column in runs.columns
+            of_runs[name] = numbers(runs[column]) if known else np.full(first.size, np.nan)
+        return cls(_TableColumns(robots), of_runs, first, t_end_s, costs)
+
+    @classmethod
+    def of_arrays(
+        cls, robots: Columns, runs: Columns, t_end_s: ArrayLike, costs: Sequence[Array | None] = ()
+    ) -> Swarms:
+        """Read arrays of runs whose swarms have the same size, possibly of several cells.
+
+        Args:
+            robots: columns of the table of robots, (..., runs, robots) each. runs: columns of the table of runs, (...,
+                runs) each, or (runs,) if all cells share the values.
+            t_end_s: end of a run, s: one number, or one for each cell in the shape of the leading axes.
+            costs: ``outcomes.costs_of`` of each cell, along the one leading axis; empty: two answers of equal costs.
+        """
+        shape = robots["decision"].shape
+        end_s = np.broadcast_to(np.asarray(t_end_s, dtype=np.float64)[..., None], shape[:-1])
+        of_cells = stacked(costs)
+        return cls(
+            {name: column.ravel() for name, column in robots.items()},
+            {name: np.broadcast_to(column, shape[:-1]).ravel() for name, column in runs.items()}
+            | {name: np.full(math.prod(shape[:-1]), np.nan) for name in FOLLOWED},
+            np.arange(0, math.prod(shape), shape[-1]),
+            end_s.ravel(),
+            None if of_cells is None else np.repeat(of_cells, shape[-2], axis=0),
+        )
+
+    def sum(self, values: Array) -> Array:
+        """Sum ``values``, one for each robot, over the robots of each run, shape (runs,)."""
+        return sum_by_run(values, self.first)
+
+    def mean(self, values: Array) -> Array:
+        """Average ``values`` over the robots of each run that have one (not nan), (runs,); nan if no robot has one."""
+        return mean_by_run(values, self.first)
+
+    def least(self, values: Array) -> Array:
+        """Return the smallest of ``values`` over the robots of each run that have one (not nan), (runs,)."""
+        return np.fmin.reduceat(values, self.first) if self.first.size else np.zeros(0)
+
+    def by_robot(self, of_runs: Array) -> Array:
+        """Repeat a value of each run for each of its robots."""
+        return np.repeat(of_runs, self.count)
+
+    @cached_property
+    def time_s(self) -> Array:
+        """Time of each robot's decision, s; the end of the run if it did not decide."""
+        return capped_time_s(self.robots["decision_time_s"], self.by_robot(self.t_end_s))
+
+    @cached_property
+    def truth(self) -> Array:
+        """The right answer of each run, 0 or 1; nan: neither is right."""
+        return np.asarray(self.runs["truth"], dtype=np.float64)
+
+    @cached_property
+    def counts(self) -> dict[str, Array]:
+        """Numbers of robots of each run: ``robots``, right, wrong, undecided and decided."""
+        known = ~np.isnan(self.truth)
+        right, wrong = (np.where(known, self.runs[name], np.nan) for name in ("right", "wrong"))
+        undecided = np.asarray(self.runs["undecided"], dtype=np.float64)
+        robots = self.count.astype(np.float64)
+        return {
+            "robots": robots,
+            "right": right,
+            "wrong": wrong,
+            "undecided": undecided,
+            "decided": right + wrong,
+        }
+
+    def ended(self, consensus: str, where_known: bool = False) -> Array:
+        """Return in which runs the consensus was this: 1 or 0; with ``where_known``, nan in runs without a truth."""
+        hit = np.asarray(self.runs["consensus"] == CONSENSUS.index(consensus), dtype=np.float64)
+        return np.where(np.isnan(self.truth), np.nan, hit) if where_known else hit
+
+
+def stacked(costs: Sequence[Array | None]) -> Array | None:
+    """Return the costs of several cells in one array, (cells, answers, answers); None if all are."""
+    if all(one is None for one in costs):
+        return None
+    tables = [1.0 - np.eye(2) if one is None else one for one in costs]
+    most = max(len(one) for one in tables)
+    of_cells = np.full((len(tables), most, most), np.nan)
+    for table, one in zip(of_cells, tables, strict=True):
+        table[: len(one), : len(one)] = one
+    return of_cells
+
+
+class _TableColumns(dict[str, Array]):
+    """Columns of a table as arrays of floats, each made when it is first asked for; nan where a value is missing."""
+
+    def __init__(self, table: pl.DataFrame) -> None:
+        super().__init__()
+        self._table = table
+
+    def __missing__(self, name: str) -> Array:
+        self[name] = numbers(self._table[name])
+        return self[name]
+
+
+@dataclass(frozen=True)
+class RunFigure:
+    """A figure: how it is computed for each run, how runs make it a figure of a cell, and how it is shown."""
+
+    name: str
+    """Its name as a figure of a cell; tables have its limits as ``name_low`` and ``name_high``."""
+    title: str
+    """What tables and axes call it."""
+    of_run: Callable[[Swarms], Array]
+    """Computes it for each run, (runs,); nan in runs that do not have it."""
+    kind: str = "mean"
+    """How runs make it a figure of a cell: "mean", "rate" (of events), "share" (of robots), "runs", "robots" or
+    "median"."""
+    better: int = 0
+    """1 if larger values are better, -1 if smaller values are, 0 if neither: then it cannot be compared."""
+    unit: str = ""
+    """``s``, or empty."""
+    column: str = ""
+    """Its name in the table of figures by run, if that is another one."""
+    counted: tuple[str, str] = ("", "")
+    """Kind "robots": which robots are counted, and among which; columns of ``Swarms.counts``."""
+    of_decisions: bool = False
+    """Whether decisions and their times are enough to compute it."""
+    compared: bool = False
+    """Whether cells are compared by it unless other figures are asked for."""
+    picture: str = ""
+    """Title of the picture that a study's page has of it; empty: none."""
+    least: float = -math.inf
+    most: float = math.inf
+    """Values that a mean can have at least and at most; its limits stay within. Times from 0 on (unit s, ``least`` 0)
+    are at most the end of a run."""
+
+    @property
+    def by_run(self) -> str:
+        """Its name in the table of figures by run."""
+        return self.column or self.name
+
+    @property
+    def read(self) -> tuple[str, ...]:
+        """The columns of the table of figures by run of which runs make it a figure of a cell."""
+        if self.kind == "robots":
+            return self.counted
+        return (self.by_run, STATED) if self.kind == "share" else (self.by_run,)
+
+    @property
+    def is_cost(self) -> bool:
+        """Whether searches can minimise it."""
+        return self.of_decisions and self.better < 0
+
+    @property
+    def is_share(self) -> bool:
+        """Whether it is a share, which is shown in percent."""
+        shares = ("forced_error", "estimate_coverage", "right_at_decision", "right_time_share")
+        return self.kind in ("runs", "robots") or self.name in shares
+
+    @property
+    def most_apart(self) -> float:
+        """By how much two runs can differ; nan if that is not known."""
+        width = 1.0 if self.is_share else self.most - self.least
+        return width if math.isfinite(width) else math.nan
+
+    def mean(self, by_run: ArrayLike, level: float = 0.95, t_end_s: float = math.nan) -> Interval:
+        """Average it over runs, with Student's limits, which stay within what a mean can be.
+
+        Where few runs differ, limits are at least those of rare events (``intervals.allowing_for_rare``).
+
+        Args:
+            by_run: values of the runs; nan is left out. level: confidence level. t_end_s: end of the runs, s; nan: not
+                known, then limits of times may be later.
+        """
+        if self.is_share:
+            return bounded_mean(by_run, 0.0, 1.0, level)
+        is_time = self.unit == "s" and self.least == 0.0
+        return bounded_mean(by_run, self.least, t_end_s if is_time else self.most, level)
+
+
+def _mean_of(column: str) -> Callable[[Swarms], Array]:
+    return lambda swarms: swarms.mean(swarms.robots[column])
+
+
+def _estimate_misses(swarms: Swarms) -> Array:
+    """Estimate minus true fill ratio of each robot."""
+    return np.asarray(swarms.robots["estimate"] - swarms.by_robot(swarms.runs["fill_ratio"]))
+
+
+def _estimate_coverage(swarms: Swarms) -> Array:
+    spread = swarms.robots["estimate_spread"]
+    hit = np.abs(_estimate_misses(swarms)) <= WITHIN * spread
+    return swarms.mean(np.where(np.isnan(spread), np.nan, hit))
+
+
+def _estimate_crps(swarms: Swarms) -> Array:
+    """Continuous ranked probability score of Normal(estimate, spread): Gneiting and Raftery 2007, Eq. 20 ff."""
+    from scipy.special import ndtr
+
+    spread = np.asarray(swarms.robots["estimate_spread"])
+    with np.errstate(
+        invalid="ignore", divide="ignore"
+    ):  # a robot that claims to be certain has a spread of 0
+        z = -_estimate_misses(swarms) / spread
+        score = spread * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * np.exp(-0.5 * z * z) / ROOT_TAU - 1.0 / ROOT_PI)
+    return swarms.mean(np.where(spread == 0.0, np.abs(_estimate_misses(swarms)), score))
+
+
+def _forced_error(swarms: Swarms) -> Array:
+    in_truth, truth = swarms.robots["belief_in_truth"], swarms.by_robot(swarms.truth)
+    costs = swarms.costs
+    if costs is not None and costs.ndim == 3:  # a table for each run
+        costs = np.repeat(costs, swarms.count, axis=0)
+    return swarms.mean(forced_errors(swarms.robots["decision"], in_truth, truth, costs))
+
+
+def _agreed_on(chosen: Callable[[Array], NDArray[np.bool_]]) -> Callable[[Swarms], Array]:
+    """Return whether all robots decided alike, on one of the chosen answers."""
+
+    def of_run(swarms: Swarms) -> Array:
+        decision = swarms.robots["decision"]
+        first = decision[swarms.first]
+        agreed = swarms.sum(1.0 * (decision == swarms.by_robot(first))) == swarms.count
+        # The sum is nan if the decision of a robot is not logged.
+        return np.where(np.isnan(swarms.sum(decision)), np.nan, agreed & chosen(first))
+
+    return of_run
+
+
+def _share(counted: str, among: str) -> Callable[[Swarms], Array]:
+    def of_run(swarms: Swarms) -> Array:
+        counts = swarms.counts
+        with np.errstate(invalid="ignore", divide="ignore"):  # 0 / 0 where no robot decided
+            shares: Array = counts[counted] / counts[among]
+        return shares
+
+    return of_run
+
+
+def _wrong_among_agreed(swarms: Swarms) -> Array:
+    right, wrong = swarms.ended("right", where_known=True), swarms.ended("wrong", where_known=True)
+    return np.where(right + wrong == 1.0, wrong, np.nan)
+
+
+def _robots(name: str, title: str, counted: str, among: str = "robots", **settings: Any) -> RunFigure:
+    column = f"{counted}_share" if among == "robots" else name
+    return RunFigure(
+        name,
+        title,
+        _share(counted, among),
+        kind="robots",
+        counted=(counted, among),
+        column=column,
+        **settings,
+    )
+
+
+FIGURES: Final = (
+    RunFigure(
+        "decision_time_s",
+        "decision time",
+        lambda s: s.mean(s.time_s),
+        better=-1,
+        unit="s",
+        compared=True,
+        picture="Decision time (restricted mean)",
+        least=0.0,
+    ),
+    RunFigure(
+        "belief_in_truth",
+        "belief in the truth",
+        _mean_of("belief_in_truth"),
+        better=1,
+        compared=True,
+        picture="Belief in the truth (the paper's accuracy)",
+        least=0.0,
+        most=1.0,
+    ),
+    _robots(
+        "robots_right",
+        "robots right",
+        "right",
+        better=1,
+        compared=True,
+        picture="Robots that decided rightly",
+    ),
+    _robots(
+        "robots_wrong",
+        "robots wrong",
+        "wrong",
+        better=-1,
+        of_decisions=True,
+        compared=True,
+        picture="Robots that decided wrongly",
+    ),
+    _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
+    RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
+    RunFigure("estimate", "estimate", _mean_of("estimate")),
+    RunFigure(
+        "estimate_error",
+        "error of the estimate",
+        lambda s: s.mean(np.abs(_estimate_misses(s))),
+        better=-1,
+        picture="Error of the estimates",
+        least=0.0,
+    ),
+    RunFigure(
+        "estimate_coverage", "robots whose 90 % interval holds the true number", _estimate_coverage, "share"
+    ),
+    RunFigure("estimate_crps", "CRPS of the estimate", _estimate_crps, better=-1, least=0.0),
+    RunFigure("sent", "messages sent by a robot", _mean_of("sent"), least=0.0),
+    _robots("robot_error", "wrong among robots that decided", "wrong", "decided"),
+    RunFigure("swarm_right", "swarms right", lambda s: s.ended("right", True), "runs", better=1),
+    RunFigure(
+        "swarm_wrong", "swarms wrong", lambda s: s.ended("wrong", True), "runs", better=-1, of_decisions=True
+    ),
+    RunFigure("swarm_split", "split", lambda s: s.ended("split"), "runs"),
+    RunFigure("swarm_incomplete", "incomplete", lambda s: s.ended("incomplete"), "runs"),
+    RunFigure(
+        "swarm_truth_undefined", "without a right answer", lambda s: s.ended("truth_undefined"), "runs"
+    ),
+    RunFigure("swarm_error", "wrong among swarms that agreed", _wrong_among_agreed, "runs"),
+    RunFigure(
+        "consensus_time_s",
+        "consensus time",
+        lambda s: capped_time_s(s.runs["consensus_time_s"], s.t_end_s),
+        better=-1,
+        of_decisions=True,
+        unit="s",
+        column="swarm_time_s",
+        least=0.0,
+    ),
+    RunFigure(
+        "consensus_median_s",
+        "median consensus time",
+        lambda s: np.asarray(s.runs["consensus_time_s"]),
+        "median",
+        unit="s",
+        column="consensus_time_s",
+    ),
+    RunFigure("agreed_on_0", "agreed on answer 0", _agreed_on(lambda answer: answer == 0), "runs"),
+    RunFigure("agreed_on_1", "agreed on answer 1", _agreed_on(lambda answer: answer == 1), "runs"),
+    RunFigure("agreed_on_other", "agreed on another answer", _agreed_on(lambda answer: answer > 1), "runs"),
+    RunFigure(
+        "agreement_lasted", "lasted", lambda s: s.runs["agreement_held"], "runs", column="agreement_held"
+    ),
+    RunFigure(
+        "right_at_decision",
+        "robots right when they decided",
+        lambda s: s.runs["right_at_decision"],
+        better=1,
+    ),
+    RunFigure("right_time_share", "share of the time right", lambda s: s.runs["right_time_share"], better=1),
+    RunFigure(
+        "answer_delay_s",
+        "delay of the new answer",
+        lambda s: s.runs["answer_delay_s"],
+        better=-1,
+        unit="s",
+        least=0.0,
+    ),
+    RunFigure(
+        "false_changes_per_h",
+        "false changes an hour",
+        lambda s: s.runs["false_changes_per_h"],
+        "rate",
+        better=-1,
+    ),
+    RunFigure(
+        "change_time_error_s",
+        "error of the time of the change",
+        lambda s: s.runs["change_time_error_s"],
+        better=-1,
+        unit="s",
+        least=0.0,
+    ),
+    RunFigure(
+        "map_brier",
+        "Brier score of the map",
+        lambda s: s.runs["map_brier"],
+        better=-1,
+        picture="Brier score of robots' maps at the end (0.25: know nothing)",
+        least=0.0,
+        most=1.0,
+    ),
+    RunFigure("map_auc", "AUC of the map", lambda s: s.runs["map_auc"], better=1, least=0.0, most=1.0),
+    RunFigure(
+        "map_location_error_m",
+        "location error of the map",
+        lambda s: s.runs["map_location_error_m"],
+        better=-1,
+        unit="m",
+        least=0.0,
+    ),
+    RunFigure(
+        "detection_time_s",
+        "time to detection",
+        lambda s: s.runs["detection_time_s"],
+        better=-1,
+        unit="s",
+        least=0.0,
+    ),
+)
+"""All figures, in the order in which tables have them."""
+
+ESTIMATES: Final = ("estimate_error", "estimate_coverage", "estimate_crps")
+"""Figures that stand in the place of right and wrong where a task asks for a number."""
+
+READ: Final = (
+    *("decision", "decision_time_s", "belief_in_truth", "sent"),
+    *("truth", "consensus", "right", "wrong", "undecided"),
+)
+"""Columns of a study's rows that are enough for ``OF_READ``."""
+OF_READ: Final = (
+    *("decision_time_s", "forced_error", "belief_in_truth", "sent"),
+    *("robots_right", "robots_wrong", "robots_undecided", "robot_error"),
+)
+"""Figures that need only the columns ``READ``."""
+
+BY_NAME: Final = {figure.name: figure for figure in FIGURES}
+"""Each figure by its name as a figure of a cell."""
+BY_COLUMN: Final = {figure.by_run: figure for figure in FIGURES}
+"""Each figure by its name in the table of figures by run."""
+
+
+def figures_of(swarms: Swarms) -> dict[str, Array]:
+    """Compute the figures of each run, by name in the table of figures by run, (runs,) each, and numbers of robots."""
+    counts = swarms.counts | {STATED: swarms.sum(1.0 * ~np.isnan(swarms.robots["estimate_spread"]))}
+    return counts | {figure.by_run: figure.of_run(swarms) for figure in FIGURES}
+
+
+def run_figures(
+    robots: pl.DataFrame,
+    runs: pl.DataFrame,
+    t_end_s: float,
+    agreements: pl.DataFrame | None = None,
+    costs: Array | None = None,
+) -> pl.DataFrame:
+    """Compute one row of figures for each run, sorted by run.
+
+    Args:
+        robots, runs: tables of one cell, as a ``Result`` has them; the same runs in both. t_end_s: end of a run, s.
+        agreements: ``statistics.answers_over_time.AGREEMENTS``; None: decisions are final.
+        costs: of the cell's scenario, ``outcomes.costs_of``; None: two answers, mistakes that cost the same.
+    Returns: run, truth, consensus, numbers of robots, and a column for each figure; null where a run does not have it.
+    Raises:
+        InputError: the tables have different runs, or a run occurs twice.
+    """
+    swarms = Swarms.of_tables(robots, runs, t_end_s, agreements, costs)
+    return figures_table(swarms, runs.sort("run").select("run", "truth", "consensus"))
+
+
+def figures_table(swarms: Swarms, runs: pl.DataFrame) -> pl.DataFrame:
+    """Return the table of ``run_figures``; its first columns are those of ``runs``, with a row for each run."""
+    columns = [pl.Series(name, values, nan_to_null=True) for name, values in figures_of(swarms).items()]
+    # Numbers of robots are floats so far, with nan (then null) in runs without a truth.
+    whole = {*swarms.counts, STATED}
+    typed = [column.cast(pl.Int64) if column.name in whole else column for column in columns]
+    return runs.with_columns(typed)
+
+
+def columns_of(table: pl.DataFrame) -> dict[str, Array]:
+    """Return the figures of a table of ``run_figures`` as arrays, (runs,) each; nan where a run does not have one.
+
+    Each is made when it is first asked for.
+    """
+    return _TableColumns(table)
+
+
+def interval(
+    name: str,
+    by_run: Mapping[str, NDArray[Any]],
+    level: float = 0.95,
+    t_end_s: float = math.nan,
+) -> Interval:
+    """Compute a figure of a cell, with its limits, from the figures of its runs.
+
+    Args:
+        name: of the figure. by_run: columns of ``figures_of``, (runs,) each, nan where a run does not have a figure.
+        level: confidence level. t_end_s: the end of a run, s, which rates of events and
+            limits of times need.
+    """
+    figure = BY_NAME[name]
+    if figure.kind == "robots":
+        count, of = (by_run[column] for column in figure.counted)
+        known = ~np.isnan(count)
+        return cluster_share(count[known], of[known], level)
+    values = by_run[figure.by_run]
+    if figure.kind == "mean":
+        return figure.mean(values, level, t_end_s)
+    if figure.kind == "rate":
+        return rate_interval(values, 3600.0 / t_end_s, level)
+    known = ~np.isnan(values)
+    if figure.kind == "share":
+        robots = by_run[STATED]  # only these have an interval that may hold the number
+        return cluster_share(np.rint(values * robots)[known], robots[known], level)
+    if figure.kind == "median":
+        return quantile_interval(np.where(known, values, math.inf), 0.5, level)
+    return wilson(int(values[known].sum()), int(known.sum()), level)

@@ -1,0 +1,106 @@
+"""Compute the cumulative incidence of right and wrong decisions, of robots and of swarms, over time.
+
+Runs go to t_end, or stop when all robots have decided. So no observation is censored before t_end, and the cumulative
+incidence is simply the share that has decided by each time. A robot that revises its decision counts from the time of
+its final decision. Limits hold at each time by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike, NDArray
+
+from vibroswarm.statistics.intervals import Values, cluster_shares, wilson_limits
+
+POINTS = 121
+"""Number of times in the default grid from 0 to t_end."""
+READ: Final = ("decision", "decision_time_s", "truth", "consensus", "consensus_time_s")
+"""Columns of the tables that are read, besides run and robot."""
+Limits = Callable[[Values, Values, float], tuple[Values, Values, Values]]
+"""Shares and their limits at each time, from counts, (times, runs), of sizes, (runs,)."""
+
+
+def robot_incidence(
+    robots: pl.DataFrame,
+    runs: pl.DataFrame,
+    t_end_s: float,
+    times_s: ArrayLike | None = None,
+    level: float = 0.95,
+) -> pl.DataFrame:
+    """Compute the shares of robots that had decided right, decided wrong, or not decided by each time.
+
+    Args:
+        robots, runs: tables of a result. t_end_s: end of the runs, s.
+        times_s: ascending, at which shares are computed, s; by default ``POINTS`` of them from 0 to t_end.
+        level: confidence level of the limits (``intervals.cluster_shares``).
+    Returns: one row per time: time_s, and ``right``, ``wrong``, ``undecided``, each with ``_low`` and ``_high``. Right
+        and wrong are shares of the robots in runs with a truth; null if there are no such runs.
+    """
+    rows = robots.select("run", "decision", time_s="decision_time_s").join(
+        runs.select("run", "truth"), on="run", maintain_order="left"
+    )
+    decided, is_truth = rows["decision"] != -1, rows["decision"] == rows["truth"]
+    outcomes = {"right": decided & is_truth, "wrong": decided & ~is_truth, "undecided": decided}
+    return _incidence(rows, outcomes, t_end_s, times_s, cluster_shares, level)
+
+
+def swarm_incidence(
+    robots: pl.DataFrame,
+    runs: pl.DataFrame,
+    t_end_s: float,
+    times_s: ArrayLike | None = None,
+    level: float = 0.95,
+) -> pl.DataFrame:
+    """Compute the shares of runs with a right consensus, a wrong consensus, or no consensus by each time.
+
+    Args:
+        robots: not read. runs: table of a result. The others are those of ``robot_incidence``.
+    Returns: one row per time: time_s, and ``right``, ``wrong``, ``open``, each with Wilson's limits ``_low`` and
+        ``_high``. ``open`` is the share of runs without consensus yet, or with split decisions. Right and wrong are
+        shares of the runs with a truth; null if there are no such runs.
+    """
+    rows = runs.select("run", "truth", time_s="consensus_time_s")
+    ended = runs["consensus"].cast(pl.String)
+    reached = ended.is_in(["right", "wrong", "truth_undefined"])
+    outcomes = {"right": ended == "right", "wrong": ended == "wrong", "open": reached}
+    return _incidence(rows, outcomes, t_end_s, times_s, _wilson_shares, level)
+
+
+def _wilson_shares(counts: Values, sizes: Values, level: float) -> tuple[Values, Values, Values]:
+    count, n = counts.sum(axis=-1), sizes.sum()
+    with np.errstate(invalid="ignore"):  # 0 / 0 without runs
+        return count / n, *wilson_limits(count, n, level)
+
+
+def _incidence(
+    rows: pl.DataFrame,
+    outcomes: dict[str, pl.Series],
+    t_end_s: float,
+    times_s: ArrayLike | None,
+    limits: Limits,
+    level: float,
+) -> pl.DataFrame:
+    """Return the shares of robots, or of swarms, with each outcome by each time.
+
+    Args:
+        rows: run, truth and time_s of each. outcomes: which rows have an outcome from time_s on; of the last one, the
+            share without it is computed, and of all runs, not of those with a truth.
+    """
+    times = np.linspace(0.0, t_end_s, POINTS) if times_s is None else np.asarray(times_s, dtype=np.float64)
+    run = np.unique(rows["run"].to_numpy(), return_inverse=True)[1]
+    runs, at = int(run.max(initial=-1)) + 1, np.searchsorted(times, rows["time_s"].to_numpy())
+    has_truth = rows["truth"].is_not_null().to_numpy()
+    columns: dict[str, NDArray[np.float64]] = {"time_s": times}
+    for name, outcome in outcomes.items():
+        is_last = name not in ("right", "wrong")
+        sizes = np.bincount(run[has_truth | is_last], minlength=runs).astype(np.float64)
+        has_it = outcome.fill_null(False).to_numpy() & (has_truth | is_last)
+        entered = np.bincount(at[has_it] * runs + run[has_it], minlength=(times.size + 1) * runs)
+        counts = entered.reshape(times.size + 1, runs).cumsum(axis=0)[:-1].astype(np.float64)
+        shares = limits(sizes - counts if is_last else counts, sizes, level)
+        columns |= {f"{name}{end}": found for end, found in zip(("", "_low", "_high"), shares, strict=True)}
+    return pl.DataFrame(columns).fill_nan(None)

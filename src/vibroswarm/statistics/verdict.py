@@ -1,0 +1,349 @@
+"""Summarise one run, in numbers and in sentences: the swarm's outcome, its time, and the belief of each robot.
+
+| name | symbol | equation |
+|---|---|---|
+| belief | p | the robot's probability that the share of ones is below the boundary: belief in decision 0 |
+| confidence at decision time | - | p for decision 0, 1 - p for decision 1, at the time of the decision |
+| estimate | f | alpha / (alpha + beta), posterior mean at the end |
+| interval | - | 2.5 % and 97.5 % quantiles of Beta(alpha, beta) |
+
+Without feedback robots count only readings (0 or 1), so that alpha / (alpha + beta) estimates the share of ones. Under
+feedback robots also count the conclusions of others as if they were readings. The posterior then departs from the
+readings: it is an opinion, not an estimate.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm import strategies, tasks
+from vibroswarm.core.numbers import every, number, span, stated, stated_percent
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
+from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.statistics.figures import ESTIMATES, run_figures
+
+
+@dataclass(frozen=True)
+class RobotVerdict:
+    """The outcome of one robot; times in s. Values that a recording does not contain are None."""
+
+    robot: int
+    """Number of the robot."""
+    decision: int
+    """0 or 1; -1: undecided; None: not logged."""
+    decision_time_s: float | None
+    """Time of the decision; None if there is none."""
+    belief_at_decision: float | None
+    """p at the decision; None if there is none."""
+    belief_in_decision: float | None
+    """Confidence at decision time; None if the robot has not decided or has no belief."""
+    belief: float | None
+    """p at the decision or, for an undecided robot, at its last sample or timer."""
+    estimate: float | None
+    """Posterior mean of the share of ones, or the robot's own estimate."""
+    interval: tuple[float, float] | None
+    """Its 95 % credible interval."""
+    alpha: int | None
+    beta: int | None
+    """alpha and beta of the posterior at the end."""
+    samples: int
+    """Number of samples that the robot took."""
+    received: int | None
+    """Number of messages that it received."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The outcome of one run; times in s.
+
+    ``consensus``, ``right``, ``wrong`` and ``undecided`` are None if a recording lacks the decision of any robot.
+    """
+
+    consensus: str | None
+    """One of ``outcomes.CONSENSUS``."""
+    consensus_time_s: float | None
+    """When the last robot decided; None without a consensus."""
+    decision: int | None
+    """The decision of all robots if they agree, else None."""
+    truth: int | None
+    """The right decision at the end of the run; None if neither decision is right."""
+    fill_ratio: float
+    """Fill ratio of the floor at the end of the run."""
+    decision_boundary: float
+    answers: tuple[str, ...]
+    """The meaning of decisions 0, 1 and so on in words."""
+    right: int
+    """Number of robots that decided right."""
+    wrong: int
+    """Number of robots that decided wrong."""
+    undecided: int
+    """Number of undecided robots."""
+    end_s: float
+    """End of the run."""
+    readings_boundary: float
+    """The share of ones with which robots compare their readings (``observation.decision_boundary``)."""
+    share_of_ones_expected: float
+    """Probability that a sample at a uniformly random place in the arena reads as vibrating, with the sensor's errors
+    and what vibration does across tile edges."""
+    share_of_ones_read: float | None
+    presumed: str
+    """What robots take for independent evidence though it is not, as a sentence: why beliefs may be too sure."""
+    robots: tuple[RobotVerdict, ...]
+    estimated: str = ""
+    """The number that the task asks for, in words; empty if it asks for a decision."""
+    estimate_error: float | None = None
+    """Mean over robots of the distance of their estimates from the true number, which is ``fill_ratio``."""
+    estimate_coverage: float | None = None
+    """Share of the robots whose 90 % interval holds it."""
+    estimate_crps: float | None = None
+    """Mean continuous ranked probability score of their estimates; None, as the coverage, if they state no spread."""
+    asked_anew: bool = False
+    """Whether what is right depends on each robot's own last answer."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields for JSON, robots as a list of dictionaries."""
+        return asdict(self)
+
+
+def verdict(result: Result, run: int | None = None) -> Verdict:
+    """Summarise one run of a result.
+
+    Args:
+        run: number of the run; by default the first run of the result.
+    Raises:
+        InputError: the result holds no such run.
+    """
+    run = int(result.runs["run"][0]) if run is None else run
+    of_run = pl.col("run") == run
+    if result.runs.filter(of_run).is_empty():
+        raise InputError(f"there is no run {run} in this result", field="run")
+    (summary,) = result.runs.filter(of_run).to_dicts()
+    by_counts = not has_own_estimate(result.scenario)
+    robots = tuple(_robot(row, by_counts) for row in result.robots.filter(of_run).to_dicts())
+    decisions = {robot.decision for robot in robots}
+    is_agreed = len(decisions) == 1 and not decisions & {-1, None}
+    fill = summary["fill_ratio"]
+    arena = result.scenario.arena
+    size = (arena.width_m, arena.height_m)
+    bits = result.observations.filter(of_run)["observation"]
+    return Verdict(
+        consensus=summary["consensus"],
+        consensus_time_s=summary["consensus_time_s"],
+        decision=decisions.pop() if is_agreed else None,
+        truth=summary["truth"],
+        fill_ratio=fill,
+        decision_boundary=result.scenario.decision.decision_boundary,
+        answers=answers_of(result.scenario),
+        right=summary["right"],
+        wrong=summary["wrong"],
+        undecided=summary["undecided"],
+        end_s=summary["end_s"],
+        readings_boundary=readings_boundary(result.scenario),
+        share_of_ones_expected=mean_over_time(
+            result.floor(run),
+            summary["end_s"],
+            lambda floor: expected_ones_on(result.scenario.sensor, floor, size),
+        ),
+        presumed=presumed(result.scenario),
+        share_of_ones_read=float((bits == 1).mean()) if bits.len() else None,  # type: ignore[arg-type]
+        robots=robots,
+        **_scores(result, run),
+    )
+
+
+def _scores(result: Result, run: int) -> dict[str, Any]:
+    """Return how good the estimates of a run are if the task asks for a number, and else whether it asks anew."""
+    words = asked_number(result.scenario)
+    if not words:
+        known = tasks.known().get(result.scenario.task.name)
+        return {"asked_anew": known is not None and known.is_asked_anew(result.scenario.task.params)}
+    of_run = pl.col("run") == run
+    table = run_figures(result.robots.filter(of_run), result.runs.filter(of_run), result.scenario.run.t_end_s)
+    when = " at the end" if result.floor(run).is_changing else ""
+    return {"estimated": words + when, **{name: table[name][0] for name in ESTIMATES}}
+
+
+def has_own_estimate(scenario: Scenario) -> bool:
+    """Return whether robots report an estimate of their own; False for a strategy whose code is not loaded."""
+    known = strategies.known().get(scenario.strategy.name)
+    return known is not None and known.has_own_estimate
+
+
+def asked_number(scenario: Scenario) -> str:
+    """Return in words the number that the task asks for; empty if it asks for a decision, or its code is not loaded."""
+    known = tasks.known().get(scenario.task.name)
+    return "" if known is None else known.estimated_in_words(scenario.task.params)
+
+
+def mean_over_time(floor: Floor, end_s: float, expected: Callable[[Floor], Any]) -> Any:
+    """Return what is expected on a floor, as a mean over the time of the run if the floor changes.
+
+    Args:
+        end_s: end of the run. expected: a number or an array, of a floor that stays.
+    """
+    if not floor.is_changing:
+        return expected(floor)
+    stages = [(since_s, stage) for since_s, stage in floor.stages() if since_s < end_s]
+    until_s = [*(since_s for since_s, _ in stages[1:]), end_s]
+    means = (
+        (until - since_s) * expected(stage) for (since_s, stage), until in zip(stages, until_s, strict=True)
+    )
+    return sum(means) / end_s
+
+
+def presumed(scenario: Scenario) -> str:
+    """Return a sentence on what robots take for independent evidence, though it is not; empty if there is none."""
+    if not scenario.strategy.reads_places:
+        return "Robots treat all bits as independent; those of neighbouring samples are not."
+    if scenario.reads_true_places:
+        return ""
+    return "Robots treat errors of their places as independent; those of neighbouring samples are not."
+
+
+def answers_of(scenario: Scenario) -> tuple[str, ...]:
+    """Return the meaning of decisions 0, 1 and so on in words; "no" and "yes" if the task's code is not loaded."""
+    known = tasks.known().get(scenario.task.name)
+    boundary = stated_percent(scenario.decision.decision_boundary)
+    answers = ("no", "yes") if known is None else known.answers_of(scenario.sensor.kinds)
+    return tuple(answer.replace("{boundary}", boundary) for answer in answers)
+
+
+WITHIN_95: Final = 1.959963984540054
+"""Half of a 95 % interval of a normal distribution, in standard deviations."""
+
+
+def _robot(row: dict[str, Any], by_counts: bool) -> RobotVerdict:
+    """Summarise one robot from its row of the table of robots.
+
+    Args:
+        row: values by column name. ``alpha`` or ``beta`` is None in a recording without them, and for a strategy
+            without a posterior.
+        by_counts: whether robots estimate by their counts, if they have any; a strategy may report an estimate of its
+            own with a spread, also beside counts.
+    """
+    from scipy.special import betaincinv
+
+    alpha, beta, belief = row["alpha"], row["beta"], row["belief_at_decision"]
+    estimate, spread = row["estimate"], row["estimate_spread"]
+    interval = None if spread is None else (estimate - WITHIN_95 * spread, estimate + WITHIN_95 * spread)
+    if by_counts and None not in (alpha, beta) and alpha + beta:  # more exact than the first two moments
+        low, high = (float(betaincinv(alpha, beta, level)) for level in (0.025, 0.975))
+        estimate, interval = alpha / (alpha + beta), (low, high) if alpha and beta else None
+    # ``belief`` is p, the belief in decision 0. It is None for a robot that has not decided, or has no belief.
+    confidence_at_decision = None if belief is None else (belief if row["decision"] == 0 else 1.0 - belief)
+    return RobotVerdict(
+        robot=row["robot"],
+        decision=row["decision"],
+        decision_time_s=row["decision_time_s"],
+        belief_at_decision=belief,
+        belief_in_decision=confidence_at_decision,
+        belief=row["belief_below"],
+        estimate=estimate,
+        interval=interval,
+        alpha=alpha,
+        beta=beta,
+        samples=row["samples"],
+        received=row["messages_received"],
+    )
+
+
+def strategy_name(name: str) -> str:
+    """Return a readable name of a strategy: its description up to a colon, or else the name itself."""
+    known = strategies.known().get(name)
+    return known.about.partition(":")[0] if known is not None and known.about else name
+
+
+def decision_words(decision: int | None, answers: tuple[str, ...]) -> str:
+    """Return the meaning of a decision in words; "undecided" for -1, "not logged" for None.
+
+    Args:
+        answers: meaning of decisions 0, 1 and so on, from ``answers_of``.
+    """
+    if decision is None:
+        return "not logged"
+    return "undecided" if decision == -1 else answers[decision]
+
+
+def headline(found: Verdict) -> str:
+    """Return the swarm's outcome as one sentence, such as "CONSENSUS, RIGHT: all 20 robots decided ...".
+
+    Args:
+        found: outcome of the run, from ``verdict``.
+    """
+    if found.estimated:
+        return _estimates(found)
+    if found.consensus is None:
+        return "Decisions were not logged."
+    if found.decision is None:
+        sides = Counter(decision_words(robot.decision, found.answers) for robot in found.robots)
+        counts = ", ".join(f"{robots} '{answer}'" for answer, robots in sides.most_common())
+        of_truth = "" if found.truth is None else f"; {found.right} right, {found.wrong} wrong"
+        return f"{found.consensus.upper()} after {stated(found.end_s)} s: {counts}{of_truth}."
+    right = f", {found.consensus.upper()}"
+    reason = ""
+    if found.consensus == "truth_undefined":
+        right, reason = (
+            "",
+            "; what is right depends on the robot" if found.asked_anew else "; no answer is right",
+        )
+    at = "" if found.consensus_time_s is None else f" by {number(found.consensus_time_s, 1)} s"
+    answer = decision_words(found.decision, found.answers)
+    return f"CONSENSUS{right}: {every(len(found.robots), 'robot')} decided '{answer}'{at}{reason}."
+
+
+def _estimates(found: Verdict) -> str:
+    """Return how good the robots' estimates are as one sentence."""
+    true = f"the {found.estimated} is {number(found.fill_ratio, digits=4)}"
+    told, sure = estimates_in_words(found)
+    return f"ESTIMATES: {told}; {true}. {sure}" if told else f"NO ESTIMATES: {true}, and {sure}"
+
+
+def estimates_in_words(found: Verdict) -> tuple[str, str]:
+    """Return the range of the robots' estimates of what the task asks for, and a sentence on how good they are.
+
+    The range is empty if there are none.
+    """
+    estimates = [robot.estimate for robot in found.robots if robot.estimate is not None]
+    if not estimates or found.estimate_error is None:
+        return "", "no robot has estimated it."
+    sure = "they state no spread"
+    if found.estimate_coverage is not None:
+        holding = round(found.estimate_coverage * len(estimates))
+        sure = f"the 90 % intervals of {holding} of {len(estimates)} hold it"
+    return span(estimates), f"Mean error {number(found.estimate_error)}; {sure}."
+
+
+def confidence(found: Verdict) -> str:
+    """Return how sure robots were when they decided, and what they took for independent evidence though it is not."""
+    sure = [one.belief_in_decision for one in found.robots if one.belief_in_decision is not None]
+    if found.estimated or not sure:  # the headline says how sure robots are of an estimate
+        return found.presumed
+    # A belief is never exactly 0 or 1: only rounding would make it so.
+    low, high = (stated_percent(min(max(round(end, 4), 1e-4), 1 - 1e-4)) for end in (min(sure), max(sure)))
+    return f"Confidence at decision time: {low if low == high else f'{low} to {high}'}. {found.presumed}".rstrip()
+
+
+OPINION_NOTE: Final = (
+    "Under feedback a robot's posterior is its opinion, not an estimate of the fill ratio: it counts what other robots "
+    "concluded as if they had read it."
+)
+
+
+def holds_opinions(scenario: Scenario) -> bool:
+    """Return whether robots count conclusions of others as readings, so that ``OPINION_NOTE`` applies.
+
+    This is not known of strategies that are not built in; the result is False for them.
+    """
+    name = scenario.strategy.name
+    # The first two have feedback whatever their parameters.
+    return name in ("positive", "soft") or (
+        name == "bayes_bots" and bool(scenario.strategy.params.positive_feedback)
+    )
