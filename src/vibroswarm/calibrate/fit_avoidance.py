@@ -261,10 +261,10 @@ def _simulated(scenario: Scenario, values: dict[str, float], speed_m_s: float, r
         values: parameters by name. speed_m_s: as for ``fields_of``. run: number of the run, for its random numbers.
     """
     tried = scenario.with_values(fields_of(values, scenario, speed_m_s))
-    state, taken = EventRun(tried), Collected()
+    state, taken = EventRun(tried), Collected(tried.run.control_period_ms)
     state.begin(_SEED, run)
     state.advance(tried.ticks, taken.sink)
-    table = taken.samples_frame(state.tick_ms).sort("robot", maintain_order=True)
+    table = taken.samples_frame().sort("robot", maintain_order=True)
     ordered = {name: table[name].to_numpy() for name in COLUMNS}
     return summary(ordered, scenario.arena.size_m)
 

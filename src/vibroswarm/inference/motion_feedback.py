@@ -52,7 +52,7 @@ def steered_motion(
     """
     loop, grounds = ClosedLoop(scenario, seed), sensed_floors(scenario, seed, runs, floors)
     state = steerable(started(motion, scenario, moves or loop.needs_moves), motion)
-    t_end_s, rows = scenario.run.t_end_s, Collected()
+    t_end_s, rows = scenario.run.t_end_s, Collected(loop.tick_ms)
 
     def steer_to(
         run: int, ground: Ground, until_s: float, sink: Sink, last_s: Callable[[float], float]
@@ -67,13 +67,13 @@ def steered_motion(
     for done, (run, ground) in enumerate(zip(runs, grounds, strict=True)):
         until_s = t_end_s
         if scenario.run.stop == "all_decided" and last_s is None:  # a timer may decide between two samples
-            steer_to(run, ground, t_end_s, Collected().sink, lambda decided_s: decided_s)
+            steer_to(run, ground, t_end_s, Collected(loop.tick_ms).sink, lambda decided_s: decided_s)
             until_s = min(float(loop.replayer.decided_s[0]) + scenario.tick_s, t_end_s)
         steer_to(run, ground, until_s, rows.sink, last_s or (lambda _: t_end_s))
         rows.end(state)
         if progress is not None:
             progress((done + 1) / len(runs))
-    return rows.motion(loop.tick_ms)
+    return rows.motion()
 
 
 def steerable(state: MotionState, motion: str) -> KernelRun:

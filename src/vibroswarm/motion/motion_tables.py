@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import kernel, zero_rows
 from vibroswarm.core.tables import Schema
+from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.robot.walk import AVOID, KINDS, TURN
 
 Rows = NDArray[np.void]
@@ -130,6 +131,8 @@ class Motion:
     """``FAILURES``; None if no run failed."""
 
 
+MoveColumns = tuple[NDArray[np.float64], NDArray[np.uint32]]
+"""Columns of moves: start to turn rate, angle turned and ray; and run, robot and kind."""
 Take = Callable[[Rows], None]
 """A function that receives new rows. They are overwritten later, so it must copy what it wants to keep."""
 
@@ -146,11 +149,13 @@ class Sink(NamedTuple):
 class Collected:
     """The rows of runs, one run after the other, until they become tables."""
 
-    def __init__(self) -> None:
-        self.samples, self.moves, self.ends = list[Rows](), list[Rows](), list[Rows]()
+    def __init__(self, tick_ms: int) -> None:
+        self.tick_ms = tick_ms
+        self.samples, self.moves, self.ends = list[Rows](), list[MoveColumns](), list[Rows]()
         self.failures: list[Failure] = []
         self.sink = Sink(
-            lambda rows: self.samples.append(joined([rows])), lambda rows: self.moves.append(joined([rows]))
+            lambda rows: self.samples.append(joined([rows])),
+            lambda rows: self.moves.append(move_columns(rows, self.tick_ms)),
         )
 
     def end(self, state: Any) -> None:
@@ -159,16 +164,16 @@ class Collected:
         if state.failure is not None:
             self.failures.append(state.failure)
 
-    def samples_frame(self, tick_ms: int) -> pl.DataFrame:
+    def samples_frame(self) -> pl.DataFrame:
         """Return the table of samples."""
-        return sample_frame(joined([zero_rows(0, SAMPLE_ROW), *self.samples]), tick_ms)
+        return sample_frame(joined([zero_rows(0, SAMPLE_ROW), *self.samples]), self.tick_ms)
 
-    def motion(self, tick_ms: int) -> Motion:
+    def motion(self) -> Motion:
         """Return all rows as tables; there are moves if any were given."""
         return Motion(
-            samples=self.samples_frame(tick_ms),
-            ends=end_frame(joined(self.ends), tick_ms),
-            moves=move_frame(joined(self.moves), tick_ms) if self.moves else None,
+            samples=self.samples_frame(),
+            ends=end_frame(joined(self.ends), self.tick_ms),
+            moves=move_frame(self.moves) if self.moves else None,
             failures=pl.DataFrame(self.failures, schema=FAILURES, orient="row") if self.failures else None,
         )
 
@@ -217,20 +222,36 @@ def end_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
     return _frame(columns, rows, ENDS)
 
 
-def move_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
-    """Return moves that have ended as a table; they must be in the order of run, start, robot."""
-    turns = (rows["kind"] == TURN) | (rows["kind"] == AVOID)
-    mean_rad_s = rows["turned_rad"] / seconds(rows["until"] - rows["tick"], tick_ms)
-    columns = {
-        "start_s": seconds(rows["tick"], tick_ms),
-        "heading_rad": wrapped(rows["heading_rad"]),
-        # The row of a turn holds the circle's radius instead of the speed, and 0 if the turn is blocked.
-        "speed_m_s": np.where(turns, rows["speed_m_s"] * mean_rad_s, rows["speed_m_s"]),
-        "turn_rate_rad_s": np.where(turns, mean_rad_s, rows["rate_rad_s"]),
-        "kind": pl.Series(KINDS, dtype=KIND).gather(pl.Series(rows["kind"].copy())),
-        "ray_m": pl.Series(rows["ray_m"].copy(), nan_to_null=True),
-    }
-    return _frame(columns, rows, MOVES)
+@kernel
+def fill_moves(rows: Rows, columns: NDArray[np.float64], kinds: NDArray[np.uint32], tick_ms: int) -> None:
+    """Write the columns of moves: times, poses, rates and distances; and run, robot and kind."""
+    for k in range(rows.size):
+        row = rows[k]
+        speed_m_s, rate_rad_s = row.speed_m_s, row.rate_rad_s
+        if row.kind == TURN or row.kind == AVOID:
+            # The row of a turn holds the circle's radius instead of the speed, and 0 if the turn is blocked.
+            rate_rad_s = row.turned_rad / ((row.until - row.tick) * tick_ms / 1000.0)
+            speed_m_s *= rate_rad_s
+        columns[0, k], columns[1, k], columns[2, k] = row.tick * tick_ms / 1000.0, row.x_m, row.y_m
+        columns[3, k], columns[4, k], columns[5, k] = wrapped_rad(row.heading_rad), speed_m_s, rate_rad_s
+        columns[6, k], columns[7, k] = row.turned_rad, row.ray_m
+        kinds[0, k], kinds[1, k], kinds[2, k] = row.run, row.robot, row.kind
+
+
+def move_columns(rows: Rows, tick_ms: int) -> MoveColumns:
+    """Return moves that have ended by columns: rows are converted while they are in the processor's cache."""
+    columns = np.empty((8, rows.size)), np.empty((3, rows.size), dtype=np.uint32)
+    fill_moves(rows, *columns, tick_ms)
+    return columns
+
+
+def move_frame(moves: Sequence[MoveColumns]) -> pl.DataFrame:
+    """Return moves as a table; they must be in the order of run, start, robot."""
+    numbers, (run, robot, kind) = (np.concatenate(parts, axis=1) for parts in zip(*moves, strict=True))
+    kinds = pl.Series(KINDS, dtype=KIND).gather(kind)
+    *columns, turned_rad, ray_m = numbers
+    frame = [run, robot, *columns, kinds, turned_rad, pl.Series(ray_m, nan_to_null=True)]
+    return pl.DataFrame(dict(zip(MOVES, frame, strict=True)), schema=MOVES)
 
 
 def _frame(columns: Mapping[str, Any], rows: Rows, schema: Mapping[str, Any]) -> pl.DataFrame:

@@ -133,7 +133,7 @@ def moved(
         progress: called with the share that is done.
         until: tick up to which each run is simulated; by default the end of the scenario.
     """
-    state, rows = started(motion, scenario, moves), Collected()
+    state, rows = started(motion, scenario, moves), Collected(scenario.run.control_period_ms)
     piece = scenario.ticks if progress is None else max(1, int(PIECE_S / scenario.tick_s))
     with errors_in(motion.code if isinstance(motion, Source) else source(motion).code):
         for done, run in enumerate(runs):
@@ -144,7 +144,7 @@ def moved(
                 if progress is not None:
                     progress((done + state.tick / end) / len(runs))
             rows.end(state)
-    return rows.motion(scenario.run.control_period_ms)
+    return rows.motion()
 
 
 _registry = Registry[Source]("source of motion", "motion")

@@ -135,7 +135,7 @@ def check_whole_runs(source: Source) -> None:
 def check_pieces(source: Source) -> None:
     """A run that is advanced in unequal pieces is equal to the same run of a batch."""
     for case in CASES:
-        s, run, rows = case.scenario, case.runs[-1], Collected()
+        s, run, rows = case.scenario, case.runs[-1], Collected(case.scenario.run.control_period_ms)
         state = started(source, s, moves=True)
         state.begin(case.seed, run)
         for share in (0.0, 1e-4, 0.013, 0.013, 0.3001, 0.31, 0.77777, 1.0):
@@ -146,7 +146,7 @@ def check_pieces(source: Source) -> None:
             )
         rows.end(state)
         whole = of_run(motion_of(source, case), run)
-        same(rows.motion(s.run.control_period_ms), whole, f"{case.name}, run {run}, in pieces and in one")
+        same(rows.motion(), whole, f"{case.name}, run {run}, in pieces and in one")
 
 
 def of_run(motion: Motion, run: int) -> Motion:
