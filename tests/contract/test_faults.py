@@ -16,17 +16,12 @@ from helpers.drawn_scenarios import QUICK
 from helpers.plain_reference import differences, plain_run
 from helpers.result_outcomes import assert_same_outcomes, from_result
 from helpers.walk_checks import assert_engines_agree
-from vibroswarm.errors import InputError
-from vibroswarm.motion import source as motion_source
-from vibroswarm.motion.event.event_run import EventRun
-from vibroswarm.motion.source import Source
 from vibroswarm.result import Result
 from vibroswarm.scenario.plugins import load_file
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.search.outcomes import outcomes_of
 from vibroswarm.simulation import replay, simulate
 from vibroswarm.strategies.base import forget
-from vibroswarm.study.spec import Study
 
 VOTER = Path(__file__).parents[2] / "examples" / "strategies" / "voter.py"
 SENSORS = {"stuck_at_1": 0.4, "stuck_at_0": 0.2, "biased": 0.6, "false_positive_shift": 0.3,
@@ -92,63 +87,6 @@ def test_every_way_gives_the_same_run_of_three_kinds(sensor: dict[str, Any]) -> 
     np.testing.assert_array_equal(found.decision, by_tables.decision)
 
 
-@pytest.mark.parametrize("sensor", [{"sensor.model": "confusion"}, MOTORS], ids=["law", "places"])
-def test_sensors_of_any_kind_fail_as_they_are_asked_to(sensor: dict[str, Any]) -> None:
-    base = faulty({}, run__t_end_s=1000.0).with_values(OF_KINDS | sensor)
-    faults = {f"faults.{name}": value for name, value in ALL_SENSORS.items()} | {
-        "faults.sensor_from_s": 100.0
-    }
-    fine, failed = (simulate(one, 8, range(4)) for one in (base, base.with_values(faults)))
-    robot, time_s = (fine.motion[name].to_numpy() for name in ("robot", "time_s"))
-    right, read = (one.observations["observation"].to_numpy() for one in (fine, failed))
-    assert (read == right)[(time_s < 100.0) | np.isin(robot, [2, 4])].all()
-    assert (read[(robot == 1) & (time_s >= 100.0)] == 2).all()
-    biased = np.isin(robot, [0, 3]) & (time_s >= 100.0)
-    share = np.clip(0.3 + 20.0 / 3600.0 * (time_s - 100.0), 0.0, 1.0)[biased]
-    misread = (read != right)[biased]
-    # Early and late samples apart: the share drifts from 0.3 to 1.
-    for part in (share < 0.6, share > 0.9):
-        expected, count = share[part].mean(), part.sum()
-        assert (
-            abs(misread[part].mean() - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / count) + 1e-9
-        )
-        assert count > 100
-    # Both other classes are read equally often.
-    ahead = ((read.astype(int) - right) % 3)[biased][misread]
-    assert abs((ahead == 1).mean() - 0.5) < 4.0 * 0.5 / np.sqrt(ahead.size)
-    # A control: without the drift it is another share.
-    assert abs(misread[share > 0.9].mean() - 0.3) > 0.3
-
-
-def test_the_opposite_of_one_kind_of_two_is_the_other_and_of_three_another() -> None:
-    fault = faulty({"opposite": [0, 2]})
-    bits = simulate(fault.with_values({"strategy.name": "none"}), 8, [3])
-    kinds = simulate(fault.with_values({"strategy.name": "dirichlet", "task.name": "majority"}), 8, [3])
-    columns = ["belief_below", "decision", "messages_received"]
-    assert kinds.inference.select(columns).equals(bits.inference.select(columns))
-    three = faulty({"opposite": 1.0}).with_values(OF_KINDS | {"sensor.model": "confusion", "swarm.robots": 2})
-    for name in ("dirichlet", "dirichlet_positive", "dirichlet_soft"):
-        changed = three.with_values({"strategy.name": name})
-        found = simulate(changed, 8, [3])
-        plain = plain_run(changed, 8, found.motion, found.ends, found.observations)
-        assert list(differences(found, plain)) == []
-        honest = simulate(changed.with_values({"faults.opposite": 0.0}), 8, [3])
-        assert found.reports is not None
-        assert not found.reports.equals(honest.reports)
-
-
-@pytest.mark.parametrize("case", ["radio", "all"])
-def test_dead_radios_on_a_network_that_knows_places(case: str) -> None:
-    """Messages of such networks have times of arrival, which another loop reads."""
-    load_file("network", f"{VOTER.parents[1] / 'networks' / 'near.py'}:near")
-    near = {"network.name": "near", "network.near.range_m": 0.6}
-    scenario = faulty(CASES[case], strategy__name="voter").with_values(near)
-    for run in range(2):
-        result = simulate(scenario, 8, [run], moves=True)
-        plain = plain_run(scenario, 8, result.motion, result.ends, result.observations, result.moves)
-        assert list(differences(result, plain)) == []
-
-
 def test_the_swarm_settles_when_those_that_work_agree() -> None:
     """A robot that never votes leaves the others' decision to them, though its own first opinion is another."""
     scenario = faulty(
@@ -165,24 +103,6 @@ def test_motion_is_untouched_by_what_does_not_touch_it() -> None:
     )
     assert replay(fine, failed.scenario) == failed
     assert not fine.inference.equals(failed.inference)
-
-
-def test_runs_are_what_they_are_in_any_order_alone_and_in_studies() -> None:
-    scenario = faulty(SENSORS | OPPOSITE | BODIES)
-    both, alone = simulate(scenario, 8, [0, 5]), simulate(scenario, 8, [5])
-    assert both.inference.filter(both.inference["run"] == 5).equals(alone.inference)
-    assert both.faults is not None
-    assert alone.faults is not None
-    assert both.faults.filter(both.faults["run"] == 5).equals(alone.faults)
-    base = scenario.model_dump(exclude_none=True)
-    grid = {"faults.stuck_at_1": [0.0, 0.4], "faults.stopped": [0.0, 0.4], "faults.opposite": [0.0, 1.0]}
-    study = Study(base, {"grid": grid}, runs=2, seed=8)
-    told = study.run()
-    for cell in study.cells:
-        apart = simulate(cell.scenario, 8, [0, 1]).robots
-        of_study = told.tables(cell)[0]
-        for name in ("decision", "samples", "messages_received"):
-            assert of_study[name].to_list() == apart[name].to_list()
 
 
 # Bodies
@@ -263,37 +183,12 @@ def test_a_robot_that_stops_goes_on_hearing_and_one_with_an_empty_battery_does_n
             assert result.ends["stop_start_s"][0] == (last["stop_start_s"] if last["time_s"] > 20.0 else 20.0)
 
 
-def test_robots_that_are_steered_may_stop_too() -> None:
-    load_file("strategy", f"{VOTER.with_name('avoider.py')}:avoider")
-    try:
-        scenario = faulty(SENSORS | BODIES, strategy__name="avoider")
-        one, other = (simulate(scenario, 3, [0, 1], motion=name) for name in ("event", "fixed-step"))
-        for name in ("decision", "samples", "messages_received"):
-            assert one.robots[name].to_list() == other.robots[name].to_list()
-        assert one.ends["stop_start_s"].equals(other.ends["stop_start_s"])
-        (found,) = outcomes_of([scenario], 3, [0, 1])
-        assert found.decision.ravel().tolist() == one.robots["decision"].to_list()
-    finally:
-        forget("avoider")
-
-
 def test_without_faults_nothing_is_written_about_them() -> None:
     result = simulate(faulty({}), 8, [0])
     assert result.faults is None
     some: Result = simulate(faulty({"stopped": [2], "stopped_from_s": 60.0}), 8, [0, 1])
     assert some.faults is not None
     assert some.faults.rows() == [(0, 2, "stopped", 60.0), (1, 2, "stopped", 60.0)]
-
-
-def test_a_source_that_knows_no_faults_is_refused() -> None:
-    motion_source.register(Source("elsewhere", EventRun))
-    try:
-        with pytest.raises(InputError, match="'event' and 'fixed-step' do") as caught:
-            simulate(faulty({"stopped": [0]}), 1, motion="elsewhere")
-        assert caught.value.field == "faults.stopped"
-        assert simulate(faulty({"radio_dead": [0]}), 1, motion="elsewhere").faults is not None
-    finally:
-        motion_source.forget("elsewhere")
 
 
 def test_the_comparison_sees_a_fault_that_one_way_forgets() -> None:

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-from pathlib import Path
-
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,7 +15,6 @@ from vibroswarm.core.jit import kernel, zero_rows
 from vibroswarm.motion.control_step import ROBOT, Swarm
 from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.motion.physics.arcs import arc_between
-from vibroswarm.motion.physics.library import calls
 from vibroswarm.motion.physics.wheels_model import (
     BASE_M,
     HALF_WHEEL_M,
@@ -137,12 +132,3 @@ def test_a_robot_at_rest_stays_where_it_is() -> None:
     assert len(still) > 60
     assert set(still) == {0.0}
     assert not any(same for stands, same, _ in kept if not stands)
-
-
-def test_mujoco_does_not_read_the_clock() -> None:
-    """Its timers would take a tenth of the time of a step."""
-    calls()
-    library = next(Path(mujoco.__file__).parent.glob("*mujoco*.so*"), None)
-    if library is None:
-        pytest.skip("no shared library of this name on this system")
-    assert ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time").value is None

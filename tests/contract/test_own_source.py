@@ -8,13 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from polars.testing import assert_frame_equal
 
 from helpers.result_outcomes import assert_same_outcomes, from_result
 from helpers.walk_checks import MOTION_CHECKS, Check
 from vibroswarm import simulate
 from vibroswarm.errors import InputError
-from vibroswarm.inference.closed_loop import max_samples
 from vibroswarm.motion import source as motion_source
 from vibroswarm.motion.motion_tables import END_ROW, MOVE_ROW, SAMPLE_ROW, Failure, Sink
 from vibroswarm.motion.source import Source, register, source
@@ -102,21 +100,6 @@ def test_scenarios_run_on_it(stop: str) -> None:
         assert_same_outcomes(found, from_result(result))
     else:
         assert result.motion.height < 2 * 39 * scenario.swarm.robots
-
-
-@pytest.mark.parametrize("more", [{}, {"strategy.name": "totals"}], ids=["counts", "messages"])
-def test_robots_may_sample_more_often_than_the_scenario_says(
-    more: dict[str, object], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nobody decides at first, so a run in closed loop gets more samples than the scenario's own timer would allow."""
-    monkeypatch.setitem(globals(), "EVERY_S", 0.2)
-    scenario = Scenario().with_values({"run.t_end_s": 24.0, "decision.min_observations": 125, **more})
-    whole = simulate(scenario, 3, [0, 2], motion="standing")
-    closed = simulate(scenario.with_values({"run.stop": "all_decided"}), 3, [0, 2], motion="standing")
-    assert closed.motion.height > 2 * max_samples(scenario)
-    rows = whole.inference.join(closed.motion.select("run", "robot", "sample"), on=["run", "robot", "sample"])
-    assert_frame_equal(closed.inference, rows, check_exact=True, check_row_order=False)
-    assert closed.inference["decision"].n_unique() > 1, "somebody decides"
 
 
 @pytest.mark.parametrize("stop", ["t_end", "all_decided"])

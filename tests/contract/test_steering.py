@@ -13,25 +13,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from helpers.motion_runs import RunRows, begun, ended, rows_of
+from helpers.motion_runs import RunRows, begun, ended
 from helpers.walk_checks import CASES, CHECKS, Check, assert_same_rows, check_in
-from vibroswarm.errors import InputError
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.motion_tables import Collected, Sink
 from vibroswarm.motion.source import Source
 from vibroswarm.robot.walk import (
-    AVOID,
     DRIVE,
-    STOP,
     TIMERS,
     TURN,
-    Dice,
-    WalkState,
-    begin_walk,
-    steered,
-    walk_step,
 )
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -165,17 +157,6 @@ def test_any_setting_is_steered_the_same_way(
     assert_same_rows(*both(scenario, seed, 0, at_random(seed % 1000)))
 
 
-@pytest.mark.parametrize("engine", [FixedStepRun, EventRun])
-@pytest.mark.parametrize("name", ["five robots", "a crowd", "40 robots in a large arena", "often", "no stop"])
-def test_nan_and_nan_is_not_to_steer(engine: type[KernelRun], name: str) -> None:
-    """And samples that are handed over one control period at a time are those of a whole run."""
-    scenario = BASE.with_values({"run.t_end_s": 100.0} | SETTINGS[name])
-    whole = rows_of(begun(engine, scenario, 3, 1, moves=True))
-    asked = steered_rows(engine, scenario, 3, 1, never)
-    for table in ("samples", "ends", "moves"):
-        assert getattr(whole, table).tobytes() == getattr(asked, table).tobytes(), table
-
-
 # A source that steers keeps the contract
 
 
@@ -236,80 +217,6 @@ def test_a_robot_turns_and_drives_as_it_is_told_and_then_walks_on_as_drawn(engin
     # The other robot's numbers are its own.
     assert of_robot(rows, 1).tobytes() == of_robot(plain, 1).tobytes()
     assert of_robot(rows, 0).tobytes() != of_robot(plain, 0).tobytes()
-
-
-PROGRAM_DICE = Dice(0.5, 0.75, 0.25)
-
-
-def standing(resume: int) -> WalkState:
-    from vibroswarm.motion.robot_params import walk_program
-
-    state = begin_walk(walk_program(Scenario()), PROGRAM_DICE)
-    return state._replace(
-        resume=resume,
-        samples=4,
-        legs=6,
-        avoidances=2,
-        driven_ms=900,
-        leg_ms=5000.0,
-        error_deg=-40.0,
-        timer_ms=2020,
-    )
-
-
-@pytest.mark.parametrize("resume", [DRIVE, TURN, AVOID])
-def test_the_program_that_is_steered(resume: int) -> None:
-    from vibroswarm.motion.robot_params import walk_program
-
-    program, before = walk_program(Scenario()), standing(resume)
-
-    def following(state: WalkState) -> WalkState:
-        return walk_step(state, program, 0.0, math.inf, PROGRAM_DICE)
-
-    unchanged = steered(before, NAN, NAN)
-    assert following(unchanged)[:-1] == following(before)[:-1]
-    turned = following(steered(before, 60.0, 1500.0))
-    assert (turned.mode, turned.error_deg, turned.legs, turned.avoidances) == (TURN, 60.0, 6, 2)
-    ended = walk_step(turned, program, 60.0, math.inf, PROGRAM_DICE)
-    assert (ended.mode, ended.leg_ms, ended.driven_ms, ended.legs) == (DRIVE, 1500.0, program.tick_ms, 7)
-    assert math.isnan(ended.next_leg_ms), "the leg after it is drawn"
-    drawn = walk_step(following(steered(before, 60.0, NAN)), program, 60.0, math.inf, PROGRAM_DICE)
-    assert drawn.leg_ms == program.location_ms  # the median of what is drawn
-    driven = steered(before, NAN, 700.0)
-    assert driven.resume == resume
-    assert driven.error_deg == before.error_deg
-    if resume == TURN:
-        ended = walk_step(following(driven), program, -40.0, math.inf, PROGRAM_DICE)
-        assert (ended.mode, ended.leg_ms) == (DRIVE, 700.0)
-    else:
-        assert driven.leg_ms == before.driven_ms + 700.0
-    assert following(driven).mode == resume
-    assert before.mode == STOP
-
-
-@pytest.mark.parametrize("engine", [FixedStepRun, EventRun])
-def test_what_cannot_be_steered_is_refused(engine: type[KernelRun]) -> None:
-    state = begun(engine, BASE, 5)
-    with pytest.raises(InputError, match="has not just sampled"):
-        state.steer(0, 10.0)
-    sampled: list[int] = []
-    assert state.to_sample(5000, Sink(lambda rows: sampled.extend(rows["robot"].tolist())))
-    for values, field in (
-        ((99, 1.0, 1.0), "robot"),
-        ((-1, 1.0, 1.0), "robot"),
-        ((sampled[0], math.inf, 1.0), "turn_deg"),
-        ((sampled[0], 1.0, -1.0), "drive_ms"),
-        ((sampled[0], 1.0, math.inf), "drive_ms"),
-    ):
-        with pytest.raises(InputError) as said:
-            state.steer(*values)
-        assert said.value.field == field
-    (other, *_) = set(range(BASE.swarm.robots)) - set(sampled)
-    with pytest.raises(InputError, match="has not just sampled"):
-        state.steer(other, 1.0, 1.0)
-    state.advance(state.tick + 1, Collected().sink)
-    with pytest.raises(InputError, match="has not just sampled"):
-        state.steer(sampled[0], 1.0, 1.0)
 
 
 def test_to_sample_stops_at_the_time_asked_for() -> None:

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import polars as pl
 import pytest
 from scipy.signal import lfilter
 
-import vibroswarm as v
 from helpers.closed_loop import followed, reads_as_tables
 from vibroswarm.floors.floor import Place
 from vibroswarm.observation.energy_model import error_rates
-from vibroswarm.observation.observe import sense_program
-from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step
+from vibroswarm.robot.sensing import begin_sense, energy, high_pass, sense_step
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples, sensor
 from vibroswarm.sensors.acceleration import (
@@ -158,21 +155,6 @@ def test_noise_has_its_standard_deviation_and_no_memory() -> None:
     assert np.log(spreads).std() == pytest.approx(0.3, rel=0.2)
 
 
-def logs(samples: Samples, **fields: object) -> np.ndarray:
-    """Logarithms of the energies of samples, without any other chance than that of fields."""
-    return np.log(MODEL.sensed(samples, quiet(**fields).sensor.params)[:, 0])
-
-
-def test_motors_keep_their_amplitude_for_a_time_and_are_felt_alike_by_all_robots() -> None:
-    jitter = {"motor_jitter": 0.5, "motor_hold_s": 4.0}
-    one, other = (logs(samples_at([0.1] * 400, [1, 0], every_s=1.0, robot=k), **jitter) for k in (0, 1))
-    held = one.reshape(-1, 4)  # four samples in each time for which amplitudes are kept
-    assert np.ptp(held, axis=1).max() < 0.02  # only phases differ
-    assert held.mean(axis=1).std() == pytest.approx(0.5, rel=0.2)
-    assert np.corrcoef(held.mean(axis=1)[1:], held.mean(axis=1)[:-1])[0, 1] == pytest.approx(0.0, abs=0.2)
-    assert np.abs(one - other).max() < 0.02
-
-
 def test_motors_wander_in_frequency_as_stated_and_apart_from_their_amplitude() -> None:
     p = quiet(motor_hz=(100.0,), frequency_jitter=0.02, motor_jitter=0.5, coupling=0.0).sensor.params
     wave = accelerations(samples_at([0.1] * 300, [1, 0], every_s=10.0), p)[:, 2] - GRAVITY_M_S2
@@ -181,21 +163,6 @@ def test_motors_wander_in_frequency_as_stated_and_apart_from_their_amplitude() -
     assert (share * p.rate_hz).mean() == pytest.approx(100.0, abs=0.5)
     assert (share * p.rate_hz).std() == pytest.approx(2.0, rel=0.15)
     assert np.corrcoef(share, np.log((wave**2).mean(axis=1)))[0, 1] == pytest.approx(0.0, abs=0.2)
-
-
-def test_motors_differ_for_a_run_and_robots_do() -> None:
-    times = {"every_s": 30.0}
-    tiles = [logs(samples_at([0.1] * 5, [1, 0], run=run, **times), motor_spread=0.3) for run in range(200)]
-    assert np.ptp(tiles, axis=1).max() < 0.02
-    assert np.mean(tiles, axis=1).std() == pytest.approx(0.3, rel=0.15)
-    # Two tiles of a run differ, and so do two robots; of motors that do not differ robots feel the same.
-    far, gains = {"coupling": 0.0, "motor_spread": 0.3}, {"gain_spread": 0.2}
-    pairs = np.array([logs(samples_at([0.1, 0.3], [1, 1], run=run), **far) for run in range(200)])
-    assert abs(np.corrcoef(pairs.T)[0, 1]) < 0.2
-    robots = np.array([logs(samples_at([0.1], [1, 0], robot=k), **gains)[0] for k in range(200)])
-    assert robots.std() == pytest.approx(0.2, rel=0.15)
-    runs = np.array([logs(samples_at([0.1], [1, 0], run=run), **gains)[0] for run in range(200)])
-    assert runs.std() == pytest.approx(0.2, rel=0.15)
 
 
 def test_motors_of_kinds_have_their_shares_of_the_amplitude() -> None:
@@ -209,21 +176,6 @@ def test_motors_of_kinds_have_their_shares_of_the_amplitude() -> None:
         )
     )
     assert uneven == pytest.approx(even * [1.0, 0.25], rel=0.01)
-
-
-def test_the_window_is_the_chains() -> None:
-    ours = scenario()
-    program = sense_program(ours)
-    assert (program.rate_hz, program.signal_ms, program.settle_ms) == (350.0, 500.0, 500.0)
-    assert (program.feedback, program.forward) == (0.2, 0.6)
-    program = sense_program(
-        scenario(rate_hz=1000.0)
-    )  # another rate has the same cutoff, by other coefficients
-    assert cutoff_hz(program.feedback, 1000.0) == pytest.approx(cutoff_hz(0.2, 350.0))
-    faster = scenario(rate_hz=1000.0, cutoff_hz=40.0, signal_ms=250.0)
-    program = sense_program(faster)
-    assert cutoff_hz(program.feedback, 1000.0) == pytest.approx(40.0)
-    assert (program.rate_hz, program.signal_ms, program.settle_ms) == (1000.0, 250.0, 750.0)
 
 
 def test_it_is_a_sensor() -> None:
@@ -259,26 +211,6 @@ def test_closed_loop_and_tables_are_equal() -> None:
     assert reads_as_tables(*followed(changing.with_values({"strategy.name": "explore"}), 4))
 
 
-def test_a_change_of_the_floor_is_felt() -> None:
-    one = scenario().with_values(
-        {"run.t_end_s": 200.0, "floor.source": "random:0", "change.at_s": [100], "change.to": ["random:1"]}
-    )
-    result = v.simulate(one, 1, 3)
-    rows = result.observations.join(
-        result.motion.select("run", "robot", "sample", "time_s"), on=["run", "robot", "sample"]
-    )
-    before, after = (rows.filter((pl.col("time_s") > 100) == late)["energy"].mean() for late in (False, True))
-    assert after > 5 * before  # type: ignore[operator]
-
-
-def test_its_law_of_energies_tells_the_kinds_apart() -> None:
-    p = scenario().sensor.params
-    values = np.linspace(0.2, 6.0, 30)[:, None]
-    still, vibrating = (MODEL.likelihood(kind, values, p) for kind in (0, 1))  # type: ignore[misc]
-    assert vibrating[-1] > 20 * still[-1]
-    assert still[2] > 5 * vibrating[2]
-
-
 def confusion(
     motor_hz: tuple[float, ...], kinds: tuple[int, ...], threshold: float
 ) -> tuple[float, float, int]:
@@ -300,15 +232,6 @@ def confusion(
         right[True] += is_right[from_edge_m >= 0.03].tolist()
         right[False] += is_right[from_edge_m < 0.01].tolist()
     return float(np.mean(right[True])), float(np.mean(right[False])), len(right[True])
-
-
-def test_runs_without_samples_have_no_readings() -> None:
-    """Robots that stop at once, and a piece of a run, may take none."""
-    fields = {"sensor.acceleration.motor_hz": (70.0, 105.0), "faults.stopped": 1.0}
-    still = scenario().with_values(SEVERAL | fields)
-    found = v.simulate(still, 1, 2).observations
-    assert found.height == 0
-    assert "peak_hz" in found.columns
 
 
 def test_three_motors_are_told_apart_by_their_frequency() -> None:

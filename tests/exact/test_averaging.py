@@ -55,20 +55,6 @@ def test_averaging_is_more_exact_than_one_robot_and_than_not_listening(more: dic
     )  # those that count all readings of all robots
 
 
-def test_the_opposite_of_a_share_is_the_rest() -> None:
-    """Robot 0 hears 1 - m from others that mean m; a message on another kind instead was not heard at all."""
-    one = PAPER.with_values(
-        {"strategy.name": "averaging", "floor.source": "random:0.2", "run.t_end_s": 1200.0}
-    )
-    liars = one.with_values({"faults.opposite": [1, 2, 3, 4]})
-    mean = {}
-    for name, scenario in (("honest", one), ("opposite", liars)):
-        first = simulate(scenario, 3, 20).robots.filter(robot=0)
-        mean[name] = first["estimate"].mean()
-    assert mean["honest"] == pytest.approx(0.3, abs=0.1)
-    assert mean["opposite"] > 0.4
-
-
 def test_averaging_decides_as_those_that_count() -> None:
     for more, least in (({"floor.source": "random:0.4", "task.name": "fill_ratio"}, 0.8), (MAJORITY, 0.9)):
         result = simulate(PAPER.with_values({"strategy.name": "averaging", **more}), 3, 100)

@@ -149,17 +149,6 @@ def test_the_table_says_what_the_function_says(alpha: int, beta: int, boundary: 
         assert belief_of(table, alpha, near) == expected
 
 
-def test_the_table_is_filled_and_read() -> None:
-    table = beliefs(0.41, 100)
-    assert np.count_nonzero(table.values) == 0
-    for _ in range(2):
-        belief_of(table, 10, 20)
-        assert np.count_nonzero(table.values) == 1
-    table.values[table.values != 0] = 0.125  # a mark
-    assert belief_of(table, 10, 20) == 0.125
-    table.values[:] = 0.0
-
-
 @pytest.mark.parametrize(("alpha", "beta"), [(1, 1), (381, 402), (10**6, 10**6)])
 def test_variance_is_that_of_the_beta_distribution(alpha: int, beta: int) -> None:
     assert variance(alpha, beta) == pytest.approx(float(stats.beta.var(alpha, beta)), rel=1e-12)

@@ -16,7 +16,6 @@ from vibroswarm.floors.difficulty import (
     measure,
     moran_index,
 )
-from vibroswarm.floors.source import pattern
 from vibroswarm.paper.difficulty_table import paper_table
 
 grids = hnp.arrays(
@@ -88,22 +87,6 @@ def test_clusters_and_entropy_are_those_of_a_flood_fill(tiles):
         assert entropy(tiles, 48) == pytest.approx(brute_entropy(tiles, 48), abs=1e-12)
 
 
-def test_measure_is_all_the_measures():
-    found = measure(pattern("block-diagonal:0.46"))
-    assert (found.rows, found.columns, found.ones, found.fill_ratio) == (10, 10, 46, 0.46)
-    assert (found.clusters, found.largest_cluster) == (3, 36)
-    assert found.moran_index == moran_index(pattern("block-diagonal:0.46"))
-    assert found.entropy == entropy(pattern("block-diagonal:0.46"))
-
-
-def test_a_large_floor_is_measured_at_once():
-    tiles = np.zeros((1000, 1500), dtype=np.uint8)
-    tiles[:, :750] = 1
-    found = measure(tiles)
-    assert found.moran_index == pytest.approx(1 - 2 * 1000 / (1000 * 1499 + 1500 * 999), abs=1e-9)
-    assert (found.clusters, found.largest_cluster, found.entropy) == (1, 750_000, 1.0)
-
-
 def test_the_papers_table_comes_out_to_its_two_digits_in_the_papers_way():
     table = list(paper_table())
     assert len(table) == 20
@@ -119,26 +102,6 @@ def test_the_entries_that_the_paper_gets_wrong_and_their_right_values():
         ("random-fixed:0.46", "entropy"): (0.46, 0.44),
         ("alternating:0.46", "Moran index"): (-0.91, -0.88),
     }
-
-
-def test_two_kinds_of_several_are_measured_as_ever_and_others_by_hand() -> None:
-    tiles = np.array([[1, 1, 0], [0, 2, 2], [2, 0, 2]])
-    found = measure(tiles)
-    assert found.ones == 2
-    assert found.clusters == 3  # one of kind 1; of kind 2 one of three tiles, one alone
-    assert found.largest_cluster == 3
-    shares = np.array([2, 3, 1]) / 6
-    most = np.log2(6)
-    assert found.entropy == pytest.approx((most + (shares * np.log2(shares)).sum()) / most)
-    products = squares = 0.0
-    for kind in range(3):
-        apart = (tiles == kind) - (tiles == kind).mean()
-        squares += (apart**2).sum()
-        for (i, j), value in np.ndenumerate(apart):
-            for k, m in ((i + 1, j), (i, j + 1)):
-                if k < 3 and m < 3:
-                    products += value * apart[k, m]
-    assert found.moran_index == pytest.approx(9 / 12 * products / squares)
 
 
 def test_values_have_a_moran_index_of_their_own() -> None:

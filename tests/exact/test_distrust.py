@@ -125,18 +125,6 @@ def test_bits_of_a_source_left_out_count_neither_for_the_belief_nor_for_the_gate
 QUICK = {"run.t_end_s": 150.0, "decision.min_observations": 20, "decision.credible_threshold": 0.8}
 
 
-def test_a_threshold_of_0_is_no_feedback() -> None:
-    values = QUICK | {"strategy.distrust.threshold": 0.0, "faults.stuck_at_1": 0.2}
-    trusting, none = (
-        simulate(Scenario().with_values(values | {"strategy.name": name}), 3, [0, 1])
-        for name in ("distrust", "none")
-    )
-    for name in ("inference", "robots", "runs"):
-        assert getattr(trusting, name).equals(getattr(none, name))
-    doubting = simulate(trusting.scenario.with_values({"strategy.distrust.threshold": 0.01}), 3, [0, 1])
-    assert not doubting.inference.equals(none.inference)
-
-
 def test_it_equals_the_plain_account() -> None:
     values = QUICK | {"strategy.name": "distrust", "faults.stuck_at_1": [1], "faults.opposite": [2]}
     result = simulate(Scenario().with_values(values | {"run.t_end_s": 60.0}), 4, [0])

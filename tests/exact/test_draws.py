@@ -179,18 +179,3 @@ def test_shuffled_gives_every_permutation_equally_often() -> None:
     # Negative control: a shuffle that leaves the first in its place one time in 20 more often.
     lazy = [tuple(range(4)) if run % 20 == 0 else order for run, order in enumerate(orders)]
     assert permutation_p(lazy) < 1e-3
-
-
-def test_permutations_that_are_kept_are_those_that_are_drawn() -> None:
-    """More runs than are kept, twice; nobody can change what others get, and large ones take no memory."""
-    for count in (25, rng.KEPT, rng.KEPT + 1):
-        drawn = [
-            np.argsort(uniforms(5, run, 0, Purpose.FLOOR, count), kind="stable") for run in (*range(300), 0)
-        ]
-        for run, order in zip((*range(300), 0), drawn, strict=True):
-            found = shuffled(count, 5, run)
-            np.testing.assert_array_equal(found, order)
-            with pytest.raises(ValueError, match="read-only"):
-                found[0] = 1
-    assert shuffled(rng.KEPT, 5, 0) is shuffled(rng.KEPT, 5, 0)
-    assert shuffled(rng.KEPT + 1, 5, 0) is not shuffled(rng.KEPT + 1, 5, 0)

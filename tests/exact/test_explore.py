@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -87,17 +86,3 @@ def test_robots_turn_to_the_point_of_the_greatest_worth() -> None:
         assert (s.turn_rad, s.target) == pytest.approx(best_turn(s, a, x))
         turns.add(round(s.turn_rad, 6))
     assert len(turns) == 16
-
-
-def test_a_robot_that_is_unsure_of_its_place_or_in_a_corner_drives_straight_on() -> None:
-    a, s = memory(), SimpleNamespace(step_m=0.15)
-    limit_m = PARAMS.sure_within * TILE_M
-    for x, chooses in (
-        (reading(1, 0.5, 0.4, spread_m=0.99 * limit_m), True),
-        (reading(1, 0.5, 0.4, spread_m=1.01 * limit_m), False),
-        (reading(1, -0.2, -0.2), False),
-    ):
-        choose_direction(s, a, x, PARAMS, WORLD)
-        assert (s.target >= 0) == chooses
-        assert chooses or s.turn_rad == 0.0
-        assert math.isnan(explore.steer(s, a, x, None, PARAMS, WORLD)[0]) == (s.turn_rad == 0.0)  # type: ignore[arg-type]

@@ -32,7 +32,7 @@ from helpers.plain_program import plain_program
 from vibroswarm import preset, simulate
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_program import NEEDS_DOUBLE
-from vibroswarm.robot.walk import AVOID, STOP, TURN
+from vibroswarm.robot.walk import AVOID, TURN
 
 SEED, TICKS = 4, 25_000
 BASE = preset("paper").with_values(
@@ -115,38 +115,11 @@ def until(module: Any, robot: Any, it_is_so: Callable[[], bool]) -> None:
     raise AssertionError("it never is")
 
 
-def test_a_robot_reads_when_it_has_settled_and_decides_at_the_time_of_its_sample() -> None:
-    module, robot = started()
-    until(module, robot, lambda: robot.walk.mode == STOP and not robot.walk.sampled)
-    module.accelerate(robot, 9.0, 0.0, 9.81)
-    assert robot.sense.taken == 0  # it still swings
-    until(module, robot, lambda: robot.walk.stopped_ms >= 500)
-    for _ in range(200):
-        module.accelerate(robot, 0.0, 0.0, 9.81)
-    assert robot.sense.taken == 175  # half a second, at 350 Hz
-    until(module, robot, lambda: period(module, robot, 5000.0))
-    sampled_s = module.time_s(robot)
-    module.sample(robot, 1)
-    assert (robot.decision, robot.decided_s) == (1, sampled_s)
-
-
 def test_messages_that_find_a_full_inbox_are_lost_and_those_in_it_are_not() -> None:
     module, robot = started()
     kept = [module.receive(robot, 1, number, module.Message()) for number in range(len(robot.inbox) + 1)]
     assert kept == [True] * len(robot.inbox) + [False]
     assert (robot.waiting, robot.dropped, robot.inbox_number[0]) == (len(robot.inbox), 1, 0)
-
-
-def test_after_an_avoidance_a_robot_heeds_no_ray_for_so_long() -> None:
-    endless = {"walk.leg_min_ms": 1e8, "walk.leg_max_ms": 1e8, "sample.sample_interval_ms": 1e6}
-    module, robot = started(**endless, **{"walk.blind_after_turn_ms": 310.0})
-    driven_ms = []
-    for _ in range(200):
-        before = robot.walk.avoidances
-        period(module, robot, 20.0)
-        if robot.walk.avoidances > before:
-            driven_ms.append(robot.walk.driven_ms)
-    assert set(np.diff(driven_ms)) == {320}  # periods of 20 ms
 
 
 @needs_gcc

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from vibroswarm.core.rng import Purpose, uniform, uniforms
 from vibroswarm.errors import InputError
-from vibroswarm.observation.energy_model import error_rates, shares_below
+from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_draws import fault_frame, onset_s, working
-from vibroswarm.scenario.fault_fields import FAULTS, SINCE
+from vibroswarm.scenario.fault_fields import FAULTS
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import replay, simulate
 
@@ -105,40 +105,6 @@ def test_faults_after_the_end_are_none() -> None:
     assert none.is_empty()
 
 
-def test_faults_after_a_run_that_ended_early_are_none() -> None:
-    """Robot 0 of a swarm that had decided after a minute is not one that "stopped from 1100 s"."""
-    early = scenario(stopped=[0], stopped_from_s=1100.0, stuck_at_0=[1], sensor_from_s=5.0)
-    early = early.with_values(
-        {"run.stop": "all_decided", "decision.min_observations": 20, "floor.source": "random:0.2"}
-    )
-    result = simulate(early, 3, 2)
-    assert result.faults is not None
-    assert (result.runs["end_s"] < 1100.0).all()
-    assert result.faults.select("run", "robot", "from_s").rows() == [(0, 1, 5.0), (1, 1, 5.0)]
-
-
-@pytest.mark.parametrize(
-    ("values", "field", "said"),
-    [
-        ({"opposite": [5]}, "opposite", "no robot 5"),
-        ({"stuck_at_1": 0.8, "stuck_at_0": 0.4}, "stuck_at_0", "at once"),
-        ({"stuck_at_1": [1], "stuck_at_0": [1]}, "stuck_at_0", "at once"),
-        ({"stuck": [1], "stuck_class": 2}, "stuck_class", "classes from 0 to 1"),
-    ],
-)
-def test_what_cannot_be_is_said_in_words(values: dict[str, Any], field: str, said: str) -> None:
-    with pytest.raises(InputError, match=said) as caught:
-        scenario(**values)
-    assert caught.value.field == f"faults.{field}"
-    assert len(str(caught.value).splitlines()) == 1
-
-
-def test_every_kind_says_since_when() -> None:
-    for kind in FAULTS:
-        later = scenario(**{kind: [2], SINCE[kind]: 50.0})
-        assert onset_s(later, 7, [0], kind)[0].tolist() == [math.inf, math.inf, 50.0, math.inf, math.inf]
-
-
 # Sensors
 
 
@@ -187,32 +153,3 @@ def test_biased_sensors_follow_their_definition_sample_by_sample(fine: Result) -
         changed += expected[-1] != bit
     assert bits(biased).tolist() == expected
     assert changed > 50
-
-
-@pytest.mark.parametrize("floor", [{"floor.values": [[0.75] * 5] * 5}, {"floor.source": "patch:1x1@0.75"}])
-def test_between_still_and_vibrating_the_contrast_weighs_both_shifts(floor: dict[str, Any]) -> None:
-    """They once were those of still tiles, so that a shift of false negatives had no effect at 99.5 % either."""
-    asked = Scenario().with_values({**floor, "task.name": "mean", "run.t_end_s": 400.0})
-    shifts = {"false_positive_shift": 0.08, "false_negative_shift": 0.2, "false_negative_drift_per_h": 1.2}
-    biased = simulate(
-        asked.with_values(
-            {f"faults.{name}": value for name, value in shifts.items()} | {"faults.biased": [1]}
-        ),
-        5,
-    )
-    below = shares_below(asked.sensor, levels=np.array([0.0, 1.0, 0.75]))[0, 2, 0]
-    own = biased.motion["robot"].to_numpy() == 1
-    hours = biased.motion["time_s"].to_numpy()[own] / 3600.0
-    u = uniforms(5, 0, 1, Purpose.SENSING, own.sum())
-    expected = u > below + 0.75 * (0.2 + 1.2 * hours) - 0.25 * 0.08
-    assert (bits(biased)[own] == expected).all()
-    assert (expected != (u > below)).sum() > 5
-
-
-def test_shifts_beyond_0_and_1_are_cut_off(fine: Result) -> None:
-    always = refit(fine, biased=1.0, false_positive_shift=1.0, false_negative_shift=-1.0)
-    assert (bits(always) == 1).all()
-    never = refit(fine, biased=1.0, false_positive_drift_per_h=-1000.0, false_negative_drift_per_h=1000.0,
-                  sensor_from_s=0.0)  # fmt: skip
-    time_s = fine.motion["time_s"].to_numpy()
-    assert (bits(never)[time_s > 10.0] == 0).all()

@@ -14,8 +14,8 @@ from vibroswarm.floors.floor import Floor, Place
 from vibroswarm.motion.motion_tables import MOTION
 from vibroswarm.observation.decision_boundary import sensed_shares_on
 from vibroswarm.observation.edge_response import nearest_of_kind, response_of
-from vibroswarm.observation.energy_model import error_rates, shares_below
-from vibroswarm.observation.observe import observe, read_samples
+from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -51,27 +51,6 @@ def test_without_blur_vibrating_tiles_are_larger_by_the_reach() -> None:
     assert [share_of_ones(sensor, x, 20) for x in (0.49, 0.519, 0.521)] == [1.0, 1.0, 0.0]
     smaller = Sensor(edge_reach_m=-0.02, **CERTAIN)
     assert [share_of_ones(smaller, x, 20) for x in (0.479, 0.481, 0.51)] == [1.0, 0.0, 0.0]
-
-
-def test_far_from_edges_nothing_changes() -> None:
-    places = samples_at(np.r_[np.linspace(0, 0.4, 500), np.linspace(0.6, 1, 500)])
-    plain, edged = (
-        observe(Scenario(sensor=sensor), 3, places, {0: HALVES})
-        for sensor in (Sensor(), Sensor(edge_reach_m=0.01, edge_blur_m=0.01))
-    )
-    assert plain.equals(edged)
-    near = samples_at(np.linspace(0.48, 0.52, 500))
-    assert not observe(Scenario(), 3, near, {0: HALVES}).equals(
-        observe(Scenario(sensor=Sensor(edge_reach_m=0.01, edge_blur_m=0.01)), 3, near, {0: HALVES})
-    )
-
-
-def test_the_tile_is_that_below_all_the_same() -> None:
-    sensor = Sensor(edge_reach_m=0.05, **CERTAIN)
-    table = observe(Scenario(sensor=sensor), 3, samples_at([0.49, 0.51, 0.7]), {0: HALVES})
-    assert table["tile"].to_list() == [0, 1, 1]
-    assert table["observation"].to_list() == [1, 1, 0]
-    assert table["energy"].to_list() == [5.0, 5.0, pytest.approx(0.1)]
 
 
 def test_the_nearest_tile_of_a_kind() -> None:
@@ -125,49 +104,6 @@ def test_robots_differ_on_every_tile_alike() -> None:
     ratio = energy[0] / energy[1]
     assert ratio == pytest.approx(np.full(5, ratio[0]), rel=1e-6)
     assert len({round(float(one), 6) for one in energy[0]}) == 5
-
-
-def test_bits_are_energies_above_the_threshold() -> None:
-    sensor = Sensor(edge_reach_m=0.01, edge_blur_m=0.02, tile_spread=0.2, robot_spread=0.1)
-    rng = np.random.default_rng(2)
-    floor = Floor.filling([[1, 0, 1], [0, 0, 1]])
-    places = samples_at(rng.random(5000), rng.random(5000), robots=5, runs=3)
-    table = observe(Scenario(sensor=sensor), 3, places, dict.fromkeys(range(3), floor))
-    clear = (table["energy"] - 1.33).abs() > 1e-5
-    bits = table.filter(clear)["energy"] > 1.33
-    assert bits.cast(pl.UInt8).equals(table.filter(clear)["observation"], check_names=False)
-    without = observe(Scenario(sensor=sensor), 3, places, dict.fromkeys(range(3), floor), energies=False)
-    assert without["observation"].equals(table["observation"])
-
-
-def test_floors_of_different_sizes_in_one_table() -> None:
-    """Rows of factors are those of the run's own floor: together as alone."""
-    scenario = Scenario(sensor=Sensor(edge_reach_m=0.01, edge_blur_m=0.02, tile_spread=0.2, robot_spread=0.1))
-    rng = np.random.default_rng(2)
-    places = samples_at(rng.random(900), rng.random(900), robots=5, runs=3)
-    floors = {0: Floor.filling([[1, 0, 1]]), 1: HALVES, 2: Floor.filling(np.eye(7))}
-    together = observe(scenario, 3, places, floors)
-    alone = [observe(scenario, 3, places.filter(pl.col("run") == run), {run: floors[run]}) for run in floors]
-    assert together.equals(pl.concat(alone))
-
-
-def test_tiles_of_a_floor_that_is_drawn_once_keep_their_factors() -> None:
-    """Of two samples at one place, in two runs."""
-    places = samples_at(np.full(2, 0.1), np.full(2, 0.1), robots=1, runs=2)
-    for redraw in ("run", "study"):
-        scenario = Scenario(sensor=Sensor(tile_spread=0.2)).with_values({"floor.redraw": redraw})
-        first, second = read_samples(scenario, 3, places, {0: HALVES, 1: HALVES}, energies=True).factors
-        assert (first == second) == (redraw == "study")
-
-
-def test_error_rates_are_means_over_tiles_and_robots() -> None:
-    sensor = Sensor(tile_spread=0.2, robot_spread=0.15)
-    nodes = (np.arange(200_000) + 0.5) / 200_000
-    factors = np.exp(0.25 * stats.norm.ppf(nodes) - 0.03125)
-    positive, negative = error_rates(sensor)
-    assert positive == pytest.approx(1 - shares_below(sensor, factors)[:, 0].mean(), abs=1e-5)
-    assert negative == pytest.approx(shares_below(sensor, factors)[:, 1].mean(), abs=1e-5)
-    assert positive > error_rates(Sensor())[0] + 0.005
 
 
 def test_error_rates_on_a_floor_are_those_of_samples_all_over_it() -> None:

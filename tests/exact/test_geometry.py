@@ -62,16 +62,6 @@ def test_without_turning_it_goes_straight(h: float, v: float, t: float) -> None:
     )
 
 
-@pytest.mark.parametrize("w", [1e-9, 9.999e-5, 1.0001e-4, -9.999e-5, 3e-3])
-def test_an_arc_is_smooth_where_the_series_takes_over(w: float) -> None:
-    """The series of sin(x)/x is used below x = 1e-6, here with t = 0.02."""
-    t, v, h = 0.02, 0.055, 0.6
-    # Third order in w t is below 1e-15 here.
-    bend = 0.5 * w * t
-    expected = (v * t * (math.cos(h) - bend * math.sin(h)), v * t * (math.sin(h) + bend * math.cos(h)))
-    np.testing.assert_allclose(arc(0.0, 0.0, h, v, w, t)[:2], expected, atol=v * t * (w * t) ** 2 + 1e-18)
-
-
 @settings(deadline=None, max_examples=200)
 @given(st.floats(-1e4, 1e4))
 def test_wrapped_is_the_same_direction(angle: float) -> None:

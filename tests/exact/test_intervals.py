@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable
-from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import stats
 
-from vibroswarm.statistics.figures import BY_NAME
 from vibroswarm.statistics.figures import interval as interval_of_figure
 from vibroswarm.statistics.intervals import (
     Interval,
@@ -24,15 +18,11 @@ from vibroswarm.statistics.intervals import (
     mean_share_interval,
     pseudo_values,
     quantile_interval,
-    quantile_rank,
     rate_interval,
     student_test,
     wilson,
     wilson_limits,
 )
-from vibroswarm.statistics.paired import difference
-
-numbers = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40)
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 7), (7, 7), (3, 10), (1, 1), (481, 1000)])
@@ -71,32 +61,6 @@ def test_quantile_limits_are_those_of_binomial_sums(share: float) -> None:
     assert (found.low, found.high) == (lower, upper)
 
 
-def test_a_quantile_is_the_value_that_fractions_name() -> None:
-    """As .55 of 100, which is 55.00000000000001 in binary numbers."""
-    for percent, n in itertools.product(range(1, 100), range(1, 201)):
-        assert quantile_rank(percent / 100, n) + 1 == math.ceil(Fraction(percent, 100) * n)
-
-
-def test_quantiles_by_hand() -> None:
-    """Of 10 values the 2nd and 9th hold the median with 1 - 2 * 11/1024."""
-    values = np.arange(1.0, 11.0)
-    assert quantile_interval(values, level=1 - 2 * 11 / 1024)[:3] == (5.5, 2.0, 9.0)
-    assert quantile_interval(values, level=0.999)[:3] == (5.5, -math.inf, math.inf)
-    assert quantile_interval([1.0, math.inf, math.inf]).estimate == math.inf
-    assert quantile_interval([1.0, math.inf, math.inf]).as_dict()["estimate"] is None
-
-
-@settings(deadline=None)
-@given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=30))
-def test_shares_stay_shares(pairs: list[tuple[int, int]]) -> None:
-    count, of = [min(a, b) for a, b in pairs], [max(a, b) for a, b in pairs]
-    interval = cluster_share(count, of)
-    if sum(of) == 0:
-        assert math.isnan(interval.estimate)
-    else:
-        assert 0 <= interval.low <= interval.estimate <= interval.high <= 1
-
-
 def coverage(truth: float, intervals: list[Interval]) -> float:
     return float(np.mean([interval.low <= truth <= interval.high for interval in intervals]))
 
@@ -124,15 +88,6 @@ def test_shares_of_robots_of_few_runs_hold_the_truth(runs: int, share: float, sa
     a, b = share * (1.0 - same) / same, (1.0 - share) * (1.0 - same) / same
     counts = random.binomial(20, random.beta(a, b, (600, runs)))
     assert coverage(share, [cluster_share(count, np.full(runs, 20)) for count in counts]) >= 0.92
-
-
-def test_few_runs_count_as_the_robots_that_give_the_share_its_variance() -> None:
-    """Of 7 runs three have wrong robots: Wilson's limits of p (1 - p) / Var(p) robots, by Student's factor squared."""
-    shares = np.array([0, 0, 1, 0, 4, 2, 0]) / 20
-    share, factor = shares.mean(), stats.t.ppf(0.975, 6) / stats.norm.ppf(0.975)
-    robots = share * (1.0 - share) / (shares.var(ddof=1) / 7 * factor**2)
-    found = cluster_share(20 * shares, np.full(7, 20))
-    assert found[:3] == pytest.approx((share, *map(float, wilson_limits(share * robots, robots))))
 
 
 def test_pseudo_values_are_those_of_the_jackknife() -> None:
@@ -179,22 +134,6 @@ def test_paired_differences_hold_the_truth_skewed_ones_too(draw: str) -> None:
     assert by_robot < 0.75, by_robot  # each run counted five times, as if its robots were runs
 
 
-@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20))
-def test_intervals_of_shares_stay_shares(shares: list[float]) -> None:
-    found = mean_share_interval(shares)
-    assert 0.0 <= found.low <= found.estimate <= found.high <= 1.0
-    assert found.estimate == mean_interval(shares).estimate
-
-
-@pytest.mark.parametrize("interval", [bounded_mean, mean_share_interval])
-def test_the_same_share_in_all_sessions_is_not_certain(interval: Callable[..., Interval]) -> None:
-    """It had limits of width 0."""
-    for share in (0.0, 1.0):
-        found, limits = interval(np.full(3, share)), wilson_limits(3 * share, 3)
-        assert (found.estimate, found.low, found.high) == pytest.approx((share, *map(float, limits)))
-    assert interval(np.full(30, 0.3))[:3] == pytest.approx((0.3, 0.3 - 0.1135, 0.3 + 0.1135), abs=1e-4)
-
-
 @pytest.mark.parametrize("wrong_in", [1, 3])
 def test_shares_and_times_of_rare_runs_hold_the_truth(wrong_in: int) -> None:
     """Of 100 runs so many have wrong robots, or end before 1200 s, on average; Student's limits hold as few as 87 %."""
@@ -222,24 +161,6 @@ def test_limits_allow_for_few_runs_far_from_others_that_are_nearly_alike(late: f
     assert bounded_mean(near_s[0], 0.0, 1200.0) == mean_interval(near_s[0]), "without late runs as before"
 
 
-@pytest.mark.parametrize("alike", [0.45, 0.6])
-def test_few_runs_are_far_from_others_of_which_half_are_equal(alike: float) -> None:
-    """Half of the beliefs are 1, or nearly, so that their median deviation calls ten others and more far from them."""
-    random = generator(int(100 * alike), "beliefs")
-    right = np.where(random.random((1000, 100)) < alike, 1.0, random.uniform(0.98, 1.0, (1000, 100)))
-    beliefs = np.where(random.random(right.shape) < 0.03, 0.02, right)
-    mean = 0.97 * (alike + (1.0 - alike) * 0.99) + 0.03 * 0.02
-    assert coverage(mean, [bounded_mean(one) for one in beliefs]) > 0.925
-    assert coverage(mean, [mean_interval(one) for one in beliefs]) < 0.91
-
-
-def test_a_difference_whose_limits_allow_for_rare_runs_is_not_significant_beside_them() -> None:
-    apart = np.append(np.random.default_rng(1).normal(31.0, 5.0, 99), -880.0)
-    found = difference(apart, np.zeros(100), most=1200.0)
-    assert not found.interval.excludes(0.0)
-    assert found.p_value >= 0.05 > student_test(apart).p_value
-
-
 def test_a_mean_time_of_runs_that_all_last_to_the_end_may_be_earlier() -> None:
     """Of 20 runs up to 16.1 % may end earlier, at 0 s at the earliest; or at another time, if all end at one."""
     found = bounded_mean(np.full(20, 1000.1), 0.0, 1000.1)
@@ -253,30 +174,6 @@ def test_a_mean_time_of_runs_that_all_last_to_the_end_may_be_earlier() -> None:
         300.0,
         300.0,
     )  # the end is not known
-
-
-def test_the_same_share_in_a_few_runs_is_not_certain() -> None:
-    figure, never = BY_NAME["forced_error"], np.zeros(20)
-    assert figure.mean(never)[:3] == (0.0, 0.0, pytest.approx(wilson(0, 20).high))
-    assert (
-        figure.mean(never).high == cluster_share(never.astype(int), np.full(20, 5)).high
-    )  # as of robots wrong
-    low, high = figure.mean(np.full(3, 0.1 + 0.2))[1:3]
-    assert low < 0.1
-    assert high > 0.7
-    assert figure.mean([0.3]).high == 1.0
-
-
-@pytest.mark.parametrize(
-    "name", ["belief_in_truth", *(name for name, one in BY_NAME.items() if one.is_share)]
-)
-def test_no_share_of_two_runs_is_above_one_or_below_zero(name: str) -> None:
-    figure = BY_NAME[name]
-    by_run = {figure.by_run: np.array([0.0, 1.0]), "robots": np.array([10.0, 10.0])}
-    by_run |= dict.fromkeys((*figure.counted, "robots", "stated"), np.array([10.0, 10.0]))
-    found = interval_of_figure(name, by_run)
-    assert 0.0 <= found.low <= found.estimate <= found.high <= 1.0
-    assert mean_interval([0.0, 1.0]).high > 1.0, "as Student's limits would be"
 
 
 def test_intervals_of_small_shares_hold_as_often_as_they_say_and_students_leave_the_range() -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from fractions import Fraction
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm import Result, Scenario, preset, simulate
-from vibroswarm.errors import InputError
+from vibroswarm import preset, simulate
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import named_tiles
 from vibroswarm.inference.agents import world_of
@@ -23,9 +20,7 @@ from vibroswarm.observation.energy_model import energies_of, rates, shares_below
 from vibroswarm.robot.belief import belief_below
 from vibroswarm.robot.most_common import most_common_belief
 from vibroswarm.scenario.fields import Sensor
-from vibroswarm.sensors import SensorModel
 from vibroswarm.sensors import sensor as sensor_of
-from vibroswarm.statistics.decidability import decidability
 from vibroswarm.strategies.kinds import drawn_kind, least_belief, most_belief
 from vibroswarm.tasks import Asked, task
 
@@ -149,27 +144,6 @@ def test_shares_by_bisection_are_the_given_ones() -> None:
         np.testing.assert_allclose(found, formula, atol=1e-12)
 
 
-def test_shares_are_sought_once_for_each_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every run needs them. A sensor with other parameters has others."""
-    calls, values = [], SensorModel.values
-
-    def counted(self: SensorModel, kind: int, *more: Any) -> Any:
-        calls.append(kind)
-        return values(self, kind, *more)
-
-    monkeypatch.setattr(SensorModel, "values", counted)
-    model, (p, other) = (
-        replace(sensor_of("confusion"), name="asked"),
-        (confusion(kinds=3, accuracy=accuracy).params for accuracy in (0.9, 0.8)),
-    )
-    first = model.shares_up_to(1, np.ones(1), p)
-    count = len(calls)
-    assert model.shares_up_to(1, np.ones(1), p) is first
-    assert len(calls) == count > 0
-    assert not np.array_equal(model.shares_up_to(1, np.ones(1), other), first)
-    assert np.array_equal(model.shares_up_to(1, np.array([1.0, 1.0]), p)[1], first[0])
-
-
 def test_readings_and_values_of_a_run_are_of_one_draw() -> None:
     four = {**THREE, "floor.source": "random:0.28,0.24,0.24,0.24", "sensor.confusion.rates": COLOUR}
     result = simulate(PAPER.with_values({**four, "run.t_end_s": 300.0}), seed=2, runs=3)
@@ -207,11 +181,6 @@ def test_random_floors_have_exact_numbers_of_each_kind(numbers: list[int], run: 
     assert np.bincount(tiles.ravel(), minlength=len(numbers)).tolist() == numbers
 
 
-def test_two_shares_are_the_random_floor_of_one() -> None:
-    both = named_tiles("random:0.52,0.48", 5, 5, 1, 2), named_tiles("random:0.48", 5, 5, 1, 2)
-    assert np.array_equal(*both)
-
-
 def test_share_of_a_kind_counts_the_part_in_the_arena() -> None:
     generator = np.random.default_rng(5)
     floor = Floor(generator.integers(4, size=(4, 6)), 0.3, 0.2, left_m=-0.2, bottom_m=0.35)
@@ -228,79 +197,3 @@ def test_share_of_a_kind_counts_the_part_in_the_arena() -> None:
     below = np.append(floor.tiles.ravel(), 0)[tile]  # 0 beside the floor
     expected = rates(sensor)[below].mean(axis=0)
     np.testing.assert_allclose(expected_classes_on(sensor, floor, (1.0, 0.6)), expected, atol=0.005)
-
-
-def test_a_tie_of_kinds_has_no_answer() -> None:
-    tied = Floor.filling([[0, 1, 2, 2], [1, 0, 1, 2]])
-    assert task("majority").answer(tied, Asked(1.0, 1.0, 0.375, 0.5, 3), None) is None  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("values", "field", "words"),
-    [
-        ({"floor.tiles": ["0123"]}, "floor.tiles", "set sensor.confusion.kinds"),
-        ({"floor.source": "random:0.4,0.4,0.2"}, None, ""),
-        ({"floor.source": "random:0.4,0.36,0.26"}, "floor.source", "sum to 1.02"),
-        ({"floor.source": "random:0.5,0.166667,0.166667,0.166667"}, "floor.source", "sum to 1.000001,"),
-        ({"floor.source": "random:0,48"}, "floor.source", "sum to 48"),
-        ({"floor.source": "random:-0.5,1.5"}, "floor.source", "1.5 of 5 x 5 tiles"),
-        ({"strategy.name": "soft"}, "strategy.name", "reads 0 or 1"),
-        ({"task.name": "fill_ratio"}, "task.name", "decides among 3"),
-        ({"strategy.name": "none", "sensor.model": "gamma", "floor.source": "random:0.48"}, None, ""),
-        ({"sensor.edge_reach_m": 0.01}, "sensor.edge_reach_m", "no meaning"),
-        ({"sensor.tile_spread": 0.1}, "sensor.tile_spread", "no meaning"),
-        (
-            {"faults.biased": 0.2, "faults.false_positive_shift": 0.1},
-            "faults.false_positive_shift",
-            "no meaning",
-        ),
-        ({"faults.stuck": 0.2, "faults.stuck_class": 3}, "faults.stuck_class", "from 0 to 2"),
-        ({"decision.boundary_of": "tiles"}, "decision.boundary_of", "no meaning"),
-        ({"sensor.confusion.rates": [[0.5, 0.4], [0.5, 0.5]]}, "sensor.confusion.rates", "sums to 0.9"),
-        (
-            {"sensor.confusion.rates": [[0.5, 0.5000001], [0, 1]]},
-            "sensor.confusion.rates",
-            "sums to 1.0000001;",
-        ),
-        ({"sensor.model": "colour"}, "sensor.model", "there is no sensor 'colour'"),
-    ],
-)
-def test_what_does_not_fit_is_refused_in_words(values: dict[str, Any], field: str | None, words: str) -> None:
-    base = PAPER.with_values(THREE)
-    if field is None:
-        assert isinstance(base.with_values(values), Scenario)
-        return
-    with pytest.raises(InputError) as caught:
-        base.with_values(values)
-    assert caught.value.field == field or "--floor" in str(caught.value.field)
-    assert words in str(caught.value)
-
-
-def test_files_of_digits_keep_their_kinds(tmp_path: Path) -> None:
-    from vibroswarm.cli import main
-
-    (tmp_path / "three.txt").write_text("012\n210\n", encoding="utf-8")
-    command = ["run", "--floor", str(tmp_path / "three.txt"), "--task", "majority", "--strategy", "dirichlet"]
-    more = ["--set", "sensor.model=confusion", "--set", "run.t_end_s=20", "--out", str(tmp_path / "out")]
-    assert main([*command, *more]) == 0
-    assert Result.read(tmp_path / "out").floor(0).tiles.tolist() == [[0, 1, 2], [2, 1, 0]]
-
-
-@pytest.mark.parametrize(
-    ("params", "margin", "verdict"),
-    [
-        # Read as kind 0: .4 * .9 + .6 * .05 = .39; as kind 1: .36 * .9 + .64 * .05 = .356.
-        ({"kinds": 3, "accuracy": 0.9}, 0.39 - 0.356, "decidable"),
-        # A twentieth of kind 0 is read as kind 1: .38 and .38.
-        ({"rates": [(0.95, 0.05, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]}, 0.0, "on the boundary"),
-        # Three tenths: .28, .48 and .24.
-        ({"rates": [(0.7, 0.3, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]}, 0.28 - 0.48, "wrong side"),
-    ],
-)
-def test_what_is_read_most_often_must_be_the_most_common_kind(
-    params: dict[str, Any], margin: float, verdict: str
-) -> None:
-    fields = {f"sensor.confusion.{name}": value for name, value in params.items()}
-    found = decidability(PAPER.with_values(THREE | fields))
-    assert found.margin == pytest.approx(margin, abs=1e-12)
-    assert found.verdict == verdict

@@ -11,12 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import truncnorm
 
-from helpers.motion_runs import begun as begun_run
 from vibroswarm.localisation.locate import program_of, speed_law
-from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.geometry import arc, wall_distance
 from vibroswarm.robot import localisation as robot
-from vibroswarm.robot.pose_correction import correct, gain, inside, learn_beyond, meet, wall_rays, widen
+from vibroswarm.robot.pose_correction import correct, gain, inside, meet, wall_rays
 from vibroswarm.robot.pose_mixture import (
     BIAS,
     HEADING,
@@ -32,7 +30,6 @@ from vibroswarm.robot.pose_mixture import (
     Y,
     begin,
     empty_mixture,
-    excess,
     resample,
 )
 from vibroswarm.scenario.scenario import Scenario
@@ -124,29 +121,6 @@ def test_a_turn_shifts_the_place_in_either_direction_alike() -> None:
     assert f.covariances[0, :2, :2] - before == pytest.approx(0.004**2 * np.eye(2))
 
 
-def test_a_blocked_robot_covers_any_share_of_its_drive() -> None:
-    """A uniform number of the way, of mean 1/2 and variance 1/12."""
-    of = program(blocked_share=1.0)
-    f = begun(of, heading=0.0)
-    f.covariances[0] = 0.0
-    robot.drive(f, of, 2.0, 0.0, 0.0, True)
-    way_m = 2.0 * of.full_speed_m_s * of.speed_factor
-    assert f.means[0, X] - 0.5 == pytest.approx(way_m / 2.0)
-    assert f.covariances[0, X, X] == pytest.approx(way_m**2 / 12.0, rel=0.02)
-
-
-def test_after_a_turn_an_obstacle_is_twice_as_likely_a_robot() -> None:
-    of = program(lost_share=0.0, start_heading_spread_rad=0.01, start_spread_m=0.03)
-    shares = []
-    for after_drive in (True, False):
-        f = begun(of, x=0.9, y=0.5, heading=0.0)
-        before = f.monitor[UNEXPECTED]
-        robot.obstacle(f, of, 0.1 - of.ray_forward_m - 0.06, after_drive)
-        shares.append(f.monitor[UNEXPECTED] - 0.95 * before)
-    assert 0.1 < shares[0] < 0.9
-    assert shares[1] == pytest.approx(2.0 * shares[0] / (1.0 + shares[0]))
-
-
 def test_a_correction_is_that_of_the_joint_state() -> None:
     """State and past places, corrected by one number, as by the textbook formula on all of them at once."""
     rng, size = np.random.default_rng(2), STATES + 2 * LAG
@@ -171,29 +145,6 @@ def test_a_correction_is_that_of_the_joint_state() -> None:
     assert f.past_covariances[0].reshape(-1, STATES) == pytest.approx(joint[STATES:, :STATES])
 
 
-@settings(deadline=None, max_examples=40)
-@given(st.floats(-2.9, 4.9), st.floats(0.01, 2.0))
-def test_learning_that_a_number_is_beyond_matches_its_moments(cut: float, spread: float) -> None:
-    f = begun(program())
-    f.covariances[0] = np.diag([spread**2, 1.0, 1.0, 1.0, 1.0, 1.0])
-    f.means[0, X] = 0.5
-    least = 0.5 + cut * spread
-    left = learn_beyond(f, 0, X, 1.0, 0.0, 0.5, least, 0.0)
-    law = truncnorm(cut, np.inf, loc=0.5, scale=spread)
-    assert left == pytest.approx(0.5 * math.erfc(cut / 2**0.5))
-    assert f.means[0, X] == pytest.approx(law.mean(), rel=1e-5)
-    assert f.covariances[0, X, X] == pytest.approx(law.var(), rel=1e-4, abs=1e-9)
-
-
-@pytest.mark.parametrize("cut", [5.0, 8.0])
-def test_a_bound_far_beyond_what_is_believed_still_moves_the_mean_past_it(cut: float) -> None:
-    """There the ratio of the normal law is taken from its asymptote, which is 0.3 % too large at 5."""
-    f = begun(program())
-    f.covariances[0], f.means[0, X] = np.diag([0.04, 1.0, 1.0, 1.0, 1.0, 1.0]), 0.5
-    learn_beyond(f, 0, X, 1.0, 0.0, 0.5, 0.5 + 0.2 * cut, 0.0)
-    assert f.means[0, X] - 0.5 == pytest.approx(truncnorm(cut, np.inf, scale=0.2).mean(), rel=4e-3)
-
-
 @pytest.mark.parametrize("axis", [X, Y])
 @pytest.mark.parametrize("is_far", [False, True])
 def test_a_robot_is_on_the_inner_side_of_each_wall(axis: int, is_far: bool) -> None:
@@ -206,18 +157,6 @@ def test_a_robot_is_on_the_inner_side_of_each_wall(axis: int, is_far: bool) -> N
     moved_m = (0.05 / spread_m) ** 2 * (truncnorm(-0.01 / spread_m, np.inf, scale=spread_m).mean())
     expected_m = at_m + moved_m
     assert f.means[0, axis] == pytest.approx(1.0 - expected_m if is_far else expected_m)
-
-
-@pytest.mark.parametrize("redrawn", [False, True])
-def test_a_component_that_may_be_lost_is_widened_but_for_a_speed_that_is_redrawn(redrawn: bool) -> None:
-    """By 10 cm, 10 degrees and 0.3 times the spreads at the start, as variances."""
-    of = program(speed_redrawn=redrawn)
-    f = begun(of)
-    before = f.covariances[0].copy()
-    widen(f, 0, of)
-    speed = 0.0 if redrawn else 0.3 * of.speed_spread
-    added = [0.1, 0.1, math.radians(10.0), speed, 0.3 * of.gyro_bias_spread_rad_s, 0.3 * of.gyro_scale_spread]
-    assert f.covariances[0] - before == pytest.approx(np.diag(np.square(added)))
 
 
 @settings(deadline=None)
@@ -332,67 +271,9 @@ def test_estimates_are_moments_of_the_mixture_and_speeds_change_at_samples() -> 
     assert (f.means[:, SPEED] == of.speed_factor).all()
 
 
-def test_the_monitor_counts_what_was_not_expected() -> None:
-    """Something met far from walls is all unexpected, a wall where it should be not at all; both by hand."""
-    of = program(start_heading_spread_rad=0.001, start_spread_m=0.001, lost_share=0.0)
-    far, near = begun(of, x=0.5, y=0.5, heading=0.0), begun(of, x=0.9, y=0.5, heading=0.0)
-    assert excess(far, of) == excess(near, of) == 0.0
-    for times in range(1, 41):
-        robot.obstacle(far, of, 0.05, True)
-        robot.obstacle(near, of, 1.0 - 0.9 - of.ray_forward_m, True)
-        kept = 0.95**times  # of 20 obstacles, 0.4 of each unexpected, that are presumed
-        if times < 10:  # later it takes itself for lost, and may have met a wall
-            assert excess(far, of) == pytest.approx(max((1.0 - 0.6 * kept) - 0.5, 0.0), abs=0.01)
-        assert near.monitor[UNEXPECTED] / near.monitor[OBSTACLES] == pytest.approx(0.4 * kept, abs=0.02)
-    assert 0.2 < excess(far, of) < 0.5
-    silent = of._replace(monitors=False)
-    assert excess(far, silent) == 0.0
-    wide, narrow = np.zeros(9), np.zeros(9)
-    robot.sampled(far, of, wide)
-    far.numbers[SAMPLES] = 0
-    robot.sampled(far, silent, narrow)
-    assert wide[3] == pytest.approx((1.0 + 4.0 * excess(far, of)) * narrow[3], rel=0.05)
-
-
-def test_a_wall_that_is_not_there_is_unexpected() -> None:
-    """A robot that should be beyond where rays see the wall, and sees nothing: -ln of the probability of that."""
-    of = program(start_heading_spread_rad=0.001, start_spread_m=0.02, lost_share=0.0)
-    f = begun(of, x=0.9, y=0.5, heading=0.0)
-    before = f.monitor[UNEXPECTED]
-    robot.drive(f, of, 0.7, 0.0, 0.0, False)
-    seen_at_m = 1.0 - of.ray_forward_m - of.avoidance_threshold_m
-    rng = np.random.default_rng(4)
-    drawn_m = 0.9 + rng.normal(0.0, 0.02, 400_000)
-    drawn_m += 0.7 * of.full_speed_m_s * rng.normal(of.speed_factor, of.speed_spread, drawn_m.size)
-    free = np.mean(drawn_m + rng.normal(0.0, of.seen_noise_m, drawn_m.size) < seen_at_m)
-    assert 0.1 < free < 0.5
-    assert f.monitor[UNEXPECTED] - before == pytest.approx(-math.log(free), rel=0.1)
-    unheeded = begun(of, x=0.9, y=0.5, heading=0.0)
-    robot.drive(unheeded, of._replace(blind_s=0.8), 0.7, 0.0, 0.0, False)  # rays are ignored for longer
-    assert unheeded.monitor[UNEXPECTED] - before < 0.01
-
-
 def test_the_law_of_speeds_is_that_of_the_robots() -> None:
     """Mean and spread of the clipped Gamma law, against numbers drawn from it."""
     robots = Scenario().robot
     drawn = np.random.default_rng(3).gamma(3.1, 0.095, 400_000) + 0.8
     drawn = np.clip(drawn, robots.speed_factor_min, robots.speed_factor_max)
     assert speed_law(robots) == pytest.approx((drawn.mean(), drawn.std()), rel=0.005)
-
-
-def test_the_law_of_speeds_knows_that_runs_differ() -> None:
-    """Against the speeds of simulated robots in many runs; without the difference the law is narrower."""
-    alike = Scenario().with_values(
-        {
-            "robot.speed_factor_shape": 100.0,
-            "robot.speed_factor_scale": 0.005,
-            "robot.speed_factor_location": 0.6,
-            "robot.speed_redraw": "robot",
-        }
-    )
-    differing = alike.with_values({"robot.speed_run_spread": 0.1})
-    drawn = np.concatenate(
-        [begun_run(EventRun, differing, 3, run).swarm["speed_factor"] for run in range(1500)]
-    )
-    assert speed_law(differing.robot) == pytest.approx((drawn.mean(), drawn.std()), rel=0.03)
-    assert speed_law(alike.robot)[1] < 0.6 * drawn.std()

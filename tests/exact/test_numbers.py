@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,7 @@ import polars as pl
 import pytest
 from scipy.stats import norm
 
-from helpers.plain_reference import equals_plain
-from vibroswarm import Result, Scenario, preset, simulate, strategies
+from vibroswarm import Scenario, preset, simulate, strategies
 from vibroswarm.sensors import SensorModel, forget, register
 from vibroswarm.strategies import Strategy
 from vibroswarm.testing.sensor import check_sensor
@@ -118,14 +116,6 @@ def test_shares_are_counted_on_floors_with_as_much_of_each_kind() -> None:
         counts = np.bincount(three.classes(values, p), minlength=3) + 0.5
         (shares,) = three.shares_up_to(kind, np.ones(1), p)
         assert shares == pytest.approx(np.cumsum(counts)[:2] / counts.sum())
-
-
-def test_all_ways_of_running_agree(tmp_path: Path) -> None:
-    one = scenario()
-    assert list(equals_plain(one)) == []
-    result = simulate(one, 3, 2)
-    result.write(tmp_path / "result")
-    assert Result.read(tmp_path / "result").same_tables(result)
 
 
 def test_it_passes_its_checks() -> None:

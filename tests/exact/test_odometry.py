@@ -144,21 +144,6 @@ def test_rays_have_the_stated_noise_and_nothing_else_changes() -> None:
     assert (wild["ray_m"].min(), wild["ray_m"].max()) == (0.0, scenario.rays.range_m)
 
 
-def test_scale_and_bias_are_one_a_robot() -> None:
-    """Without noise of turns, two equal moves of a robot err alike; those of another robot otherwise."""
-    quiet = {**EXACT, "odometry.gyro_scale_spread": None, "odometry.gyro_bias_spread_deg_s": None}
-    day = [
-        (0.0, "drive", 0.5, None),
-        (1.0, "turn", 0.5, None),
-        (2.0, "drive", 0.5, None),
-        (3.0, "stop", 0.0, None),
-    ]
-    found = errors_of(Scenario().with_values(quiet), 5, day)
-    assert found[:, 0] == pytest.approx(found[:, 1], abs=1e-12)
-    assert found[:, 0] == pytest.approx(found[:, 2], abs=1e-12)
-    assert np.unique(found[:, 0]).size == found.shape[0]
-
-
 def test_noise_is_addressed() -> None:
     """A run's measurements, of rays too, do not depend on the other runs, and change with the seed."""
     scenario = Scenario().with_values({"swarm.robots": 2, "rays.noise_m": 0.01})
@@ -189,14 +174,3 @@ def test_a_bias_measured_at_stops_is_subtracted_as_its_mean() -> None:
     assert [math.degrees(program_of(of).gyro_bias_spread_rad_s) for of in (without, scenario)] == [20.0, 0.5]
     assert rates[1][:, 1].std() == pytest.approx(0.5 / math.sqrt(2.0), rel=0.08)
     assert np.corrcoef(rates[1].T)[0, 1] == pytest.approx(math.sqrt(0.5), abs=0.07)
-
-
-def test_robots_know_the_law_of_their_gyro_and_how_often_they_meet() -> None:
-    rays = {"rays.side_m": (0.0, 0.01), "rays.angle_deg": (0.0, 30.0), "rays.disc_radius_m": 0.005}
-    known = {"odometry.level": "poor", "walk.blind_after_turn_ms": 250.0, "walk.avoidance_threshold_mm": 50.0}
-    program = program_of(Scenario().with_values({**rays, **known, "swarm.robots": 5}))
-    law = (program.gyro_bias_spread_rad_s, program.turn_noise_rad, program.gyro_walk_rad_sqrt_s)
-    assert (program.gyro_scale_spread, *np.degrees(law)) == pytest.approx((0.03, 0.2, 2.0, 0.3))
-    assert program.blind_s == 0.25
-    # Four others per m^2; an end of a ray is up to 35 mm beside the robot's course.
-    assert program.robots_per_m == pytest.approx(6.0 * 4.0 * 2.0 * (0.035 + 0.005) * 4.0 / math.pi)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import numpy as np
@@ -11,20 +10,17 @@ import pytest
 from scipy.stats import binom, norm, t
 
 from vibroswarm.statistics.intervals import (
-    Interval,
     generator,
     jackknife_error,
     student_test,
     wilson_limits,
 )
 from vibroswarm.statistics.paired import (
-    COMPARED,
     compare,
     difference,
     differences,
     drawn_interval,
     drawn_means,
-    equivalent,
     holm,
 )
 
@@ -43,23 +39,6 @@ def figures(times: list[float], right: list[float | None], first_run: int = 0) -
         },
         schema_overrides={"right_share": pl.Float64},
     )
-
-
-def test_by_hand() -> None:
-    first = figures([1.0, 2.0, 3.0, 9.0], [1.0, 0.5, None, 0.0])
-    second = figures([2.0, 2.0, 5.0, 4.0, 7.0], [0.5, 0.5, 1.0, 0.5, 1.0])
-    time_s, belief, right, *_ = compare(first, second)
-    assert [p.figure for p in compare(first, second)] == list(COMPARED)
-    assert (time_s.first, time_s.second, time_s.difference.estimate) == (3.75, 3.25, 0.5)
-    assert (time_s.wins, time_s.ties, time_s.losses) == (2, 1, 1)  # sooner is better
-    assert (time_s.pairs, time_s.unpaired) == (4, 1)
-    assert (right.wins, right.ties, right.losses) == (1, 1, 1)  # and more right is
-    assert (right.pairs, right.unpaired) == (3, 2)
-    assert belief.p_value == 1.0
-    row = time_s.as_row()
-    assert row["difference"] == 0.5
-    assert (row["pairs"], row["level"]) == (4, 0.95)
-    json.dumps(time_s.as_dict(), allow_nan=False)
 
 
 def test_student_by_hand() -> None:
@@ -170,12 +149,3 @@ def test_false_alarms_and_what_holm_does_to_them() -> None:
         family_alarms += min(holm(p)) < 0.05
     assert family_alarms / 200 < 0.08
     assert plain_alarms / 200 > 0.15  # five looks without correction
-
-
-def test_not_told_apart_is_not_equal() -> None:
-    wide = Interval(0.1, -5.0, 5.2, 0.95, 8, "t")
-    assert not equivalent(wide, 1.0)
-    assert equivalent(Interval(0.1, -0.5, 0.7, 0.95, 80, "t"), 1.0)
-    assert not equivalent(Interval(math.nan, math.nan, math.nan, 0.95, 0, ""), 1.0)
-    # All pairs alike: an event of one pair in ten may well be missing among six, whatever the margin.
-    assert not equivalent(Interval(0.0, 0.0, 0.0, 0.95, 6, "t"), 1.0)

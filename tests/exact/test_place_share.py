@@ -17,7 +17,6 @@ from scipy.stats import betabinom, norm
 
 from vibroswarm.strategies.place_map import (
     count_posterior,
-    learn_share,
     prior_shape,
     score_asked,
     score_of_tails,
@@ -90,18 +89,6 @@ def test_independent_coins_are_another_posterior() -> None:
     assert below > 0.5 > 10.0 * coins[few].sum()
 
 
-@settings(max_examples=100, deadline=None)
-@given(odds=maps, median=shares)
-def test_single_tiles_are_nearly_what_all_floors_give(odds: list[float], median: float) -> None:
-    """Only the share-out of readings at uncertain places uses them: their common prior is plugged in, not averaged."""
-    p, w, a = params(median), world(3, 0.3), memory(odds)
-    learn_share(a, p, w)
-    exact = enumerated(odds, median) @ FLOORS
-    found = expit(np.array(odds) + a.prior_odds[0])
-    assert np.abs(found - exact).max() < 0.11
-    assert abs(found.sum() - exact.sum()) < 0.5
-
-
 @pytest.mark.parametrize("side", [10, 20])
 def test_many_tiles_equal_exact_fractions(side: int) -> None:
     """Likelihood ratios from 2^-400 to 2^400 among those of nothing: neither overflow nor cancellation."""
@@ -131,25 +118,6 @@ def test_the_priors_median_is_the_boundary(median: float) -> None:
     share = np.random.default_rng(1).beta(1.0, prior_shape(median), 200_000)
     assert (share < median).mean() == pytest.approx(0.5, abs=0.005)
     assert prior_shape(1.0 - median) == pytest.approx(prior_shape(median))
-
-
-@pytest.mark.parametrize("median", [0.0005, 0.5, 0.999, 0.99999])
-def test_a_prior_far_to_one_side_is_known_on_large_floors(median: float) -> None:
-    """Where all but few of 400 tiles vibrate, the prior was infinite, and all beliefs were 1/2."""
-    prior = prior_of(400, median)
-    below, above, mean = count_posterior(memory(np.zeros(400)), params(median), world(20, 0.999))
-    assert (below, above) == pytest.approx((prior[:400].sum(), prior[400]), rel=1e-9, abs=1e-300)
-    assert mean == pytest.approx(prior @ np.arange(401), rel=1e-9)
-
-
-def test_caution_divides_the_score_and_certainty_is_finite() -> None:
-    tails = [(0.97, 0.03), (0.2, 0.8), (1.0, 1e-200), (0.0, 1.0)]
-    once, twice = ([score_of_tails(*tail, params(v=v)) for tail in tails] for v in (1.0, 2.0))
-    assert np.array(once) / math.sqrt(2.0) == pytest.approx(np.array(twice))
-    assert once[0] == pytest.approx(norm.isf(0.03), abs=1e-9)
-    assert once[2] == pytest.approx(norm.isf(1e-200), rel=1e-6)
-    assert np.isfinite(once).all()
-    assert once[3] < -30.0
 
 
 def test_at_one_half_tiles_stay_independent() -> None:

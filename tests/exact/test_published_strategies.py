@@ -12,16 +12,15 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import stats
-from scipy.special import betainc, ndtr
+from scipy.special import ndtr
 
 from helpers.example_strategies import load_example, module_of
 from vibroswarm import preset, simulate
 from vibroswarm.inference.agents import world_of
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies import mcp, strategy, totals, valentini
+from vibroswarm.strategies import mcp, strategy, valentini
 from vibroswarm.strategies.base import arrays_of
 from vibroswarm.strategies.world import Draws, Reading, u
 
@@ -136,33 +135,6 @@ def decided_in(result: Result) -> dict[int, tuple[int, float]]:
 # totals
 
 
-def test_the_boundary_of_totals_is_the_share_of_ones_expected_there() -> None:
-    told = scenario_of(
-        "totals",
-        decision__boundary_of="tiles",
-        decision__assumed_false_positive=0.1,
-        decision__assumed_false_negative=0.25,
-    )
-    assert world_of(told, 100).boundary == pytest.approx(0.1 + (1 - 0.1 - 0.25) / 2, abs=1e-15)
-    assert WORLD.boundary == 0.5
-
-
-def test_the_score_of_totals_by_hand() -> None:
-    assert totals.score(9, 13, 0.5) == pytest.approx(2.5 / 2.0, abs=1e-15)
-    assert totals.score(3, 13, 0.4) == pytest.approx(-2.2 / 2.0, abs=1e-15)
-
-
-def test_totals_bear_lost_and_late_messages() -> None:
-    one = One("totals")
-    one.hears(1, ones=2, samples=5)
-    one.hears(1, ones=4, samples=9)  # those between were lost
-    one.hears(1, ones=3, samples=7)  # late
-    one.hears(2, ones=1, samples=1)
-    said = one.reads(0)
-    assert (one.s.alpha, one.s.beta) == (1 + 4 + 1, 1 + 5 + 1)
-    assert (said.ones, said.samples) == (0, 1), "its own alone"
-
-
 def test_totals_decide_as_a_loop_over_the_tables_does() -> None:
     result = simulate(scenario_of("totals", run__t_end_s=600.0, floor__source="random:0.4"), 5, [3])
     found = []
@@ -173,20 +145,6 @@ def test_totals_decide_as_a_loop_over_the_tables_does() -> None:
         found.append((heard, 1 if z > limit else 0 if z < -limit else -1))
     assert decided_in(result) == decided_by(found)
     assert len(decided_in(result)) == 5
-
-
-def test_later_totals_make_lost_messages_good() -> None:
-    """With half of the messages lost, the counts at the end lack only those of the last messages."""
-    lossy = simulate(
-        scenario_of("totals", run__t_end_s=300.0, network__name="loss", network__loss__share=0.5), 5, 2
-    )
-    whole = simulate(scenario_of("totals", run__t_end_s=300.0), 5, 2)
-    n = [(one.robots["alpha"] + one.robots["beta"]).to_numpy().astype(int) for one in (lossy, whole)]
-    assert (
-        lossy.robots["messages_received"].to_numpy() < 0.7 * whole.robots["messages_received"].to_numpy()
-    ).all()
-    assert (n[1] - n[0] >= 0).all()
-    assert (n[1] - n[0]).mean() < 8  # about one of each of four senders
 
 
 # mcp
@@ -209,14 +167,6 @@ def test_mcp_estimates_by_likelihood(samples: int, data: st.DataObject, b: float
     assert fill == min(max((ones / samples + w - 1) / (b + w - 1), 0.0), 1.0)
     expected = information(ones, samples, fill, b, w)
     assert mcp.local_confidence(ones, samples, b, w) == pytest.approx(expected, rel=1e-9)
-
-
-def test_mcp_of_a_sensor_that_tells_next_to_nothing() -> None:
-    """Rates of 0.9999995 and 0 sum to less than 1, but a perfect sensor's accuracy is made smaller by more."""
-    b, w = min(1.0 - 0.9999995, mcp.PERFECT), mcp.PERFECT
-    assert b + w < 1.0
-    assert mcp.local_estimate(0, 10, b, w) == 0.0
-    assert mcp.local_estimate(1, 10, b, w) == 1.0
 
 
 def test_mcp_decides_as_a_loop_over_the_tables_does() -> None:
@@ -272,41 +222,6 @@ def test_bayes_bots_tested_at_own_readings_equal_their_parents(parent: str, feed
     assert (mine.robots["decision"] != -1).any()
 
 
-def test_bayes_bots_test_received_values_too() -> None:
-    for tested, expected in ((True, 0), (False, -1)):
-        one = One("bayes_bots", prior=1, test_received=tested)
-        for k in range(1, 5):  # Beta(1, 5): 1 - 2^-5 = 0.969
-            assert one.decision == -1
-            one.hears(2, bit=0, number=k)
-        assert one.decision == expected
-        one.reads(1)  # Beta(2, 5): 0.891, no decision by itself
-        assert one.decision == expected
-    assert betainc(2, 5, 0.5) < 0.95
-
-
-def test_bayes_bots_count_a_number_once_and_a_sender_after_its_timeout() -> None:
-    one = One("bayes_bots", prior=1)
-    for number in (1, 1, 2, 2):
-        one.hears(3, bit=1, number=number)
-    one.hears(4, bit=1, number=1)
-    assert (one.s.alpha, one.s.beta) == (4, 1)
-    slow = One("bayes_bots", prior=1, sender_timeout_s=900.0)
-    for number, t_s in ((1, 5.0), (2, 10.0), (3, 904.0), (4, 905.0), (5, 1000.0)):
-        slow.hears(3, t_s, bit=0, number=number)
-    assert (slow.s.alpha, slow.s.beta) == (1, 3)
-
-
-def test_bayes_bots_repeat_what_they_said() -> None:
-    one = One("bayes_bots", prior=1, repeat_s=2.0)
-    assert math.isinf(one.s.next_s)
-    first = one.reads(1, 10.0)
-    assert (first.bit, first.number, one.s.next_s) == (1, 1, 12.0)
-    again = one.wakes(12.0)
-    assert (again.bit, again.number, one.s.next_s) == (1, 1, 14.0)
-    one.s.decision = 0
-    assert one.wakes(14.0).bit == 0, "with positive feedback, the decision"
-
-
 # DC, DMVD, DMMD
 
 
@@ -339,18 +254,6 @@ def disseminating(name: str, opinion: int, **params: Any) -> One:
     one = One(name, **params)
     one.s.opinion, one.s.is_disseminating, one.s.phase_end_s, one.s.quality = opinion, True, 100.0, 0.6
     return one
-
-
-def test_only_the_last_seconds_are_heard_and_a_sender_once() -> None:
-    one = disseminating("dmmd", 0)
-    one.hears(1, 96.9, bit=1)
-    one.hears(2, 97.0, bit=1)
-    one.hears(2, 98.0, bit=0)
-    assert (one.a.order.tolist(), one.a.opinion[2], one.s.heard) == ([0, 0, 1, 0, 0], 1, 1)
-    one.wakes(100.0)
-    assert one.s.opinion == 0, "one of each: it stays"
-    one.hears(1, 100.5, bit=1)
-    assert one.s.heard == 0, "not while exploring"
 
 
 @pytest.mark.parametrize(
@@ -421,59 +324,7 @@ def test_one_of_the_last_heard_is_drawn(robots: list[int], heard: int, most: int
     assert found == (last[int(number * len(last))] if last else -1)
 
 
-def test_the_last_opinions_count() -> None:
-    for most, expected in ((1, 1), (2, 1), (3, 1), (4, 0)):
-        one = disseminating("dmmd", 1, max_opinions=most)
-        for sender, opinion in ((4, 0), (1, 0), (3, 0), (2, 1)):
-            one.hears(sender, 99.0, bit=opinion)
-        one.wakes(100.0)
-        assert one.s.opinion == expected
-
-
 # Three-valued
-
-
-def test_beliefs_combine_by_the_published_table() -> None:
-    false, unsure, true = 0, 1, 2
-    table = {
-        (true, true): true, (true, unsure): true, (true, false): unsure, (unsure, true): true,
-        (unsure, unsure): unsure, (unsure, false): false, (false, true): unsure, (false, unsure): false,
-        (false, false): false,
-    }  # fmt: skip
-    for (own, heard), expected in table.items():
-        assert three_valued.combined(own, heard) == expected
-        # Two options at a time, as the program does it: beliefs of one are 2 minus those of the other.
-        assert three_valued.combined(2 - own, 2 - heard) == 2 - expected
-
-
-def test_a_signal_lasts_by_the_readings_of_its_option() -> None:
-    p = SimpleNamespace(signal_s=40.0, interval_s=1.0)
-    for truth, number, expected in ((2, 0.9, 10.0), (0, 0.1, 30.0), (1, 0.4, 10.0), (1, 0.6, 30.0)):
-        s = SimpleNamespace(truth=truth, ones=2, readings=8)
-        assert three_valued.signal_time(s, number, p) == expected
-    assert three_valued.signal_time(SimpleNamespace(truth=2, ones=0, readings=8), 0.5, p) == 1.0
-    assert three_valued.signal_time(SimpleNamespace(truth=2, ones=0, readings=0), 0.5, p) == 20.0
-
-
-def test_a_belief_goes_through_signal_listening_and_update() -> None:
-    one = One("three_valued", signal_s=40.0, listen_s=3.0, patience=2)
-    one.s.truth, one.s.is_signalling, one.s.phase_end_s = 2, True, 50.0
-    one.hears(1, 40.0, truth=0)
-    assert one.s.heard == 0, "not while signalling"
-    assert one.wakes(49.5).truth == 2
-    assert one.wakes(50.0) is None
-    assert one.s.next_s == 53.0
-    one.hears(1, 52.0, truth=0)
-    one.hears(1, 52.5, truth=2)
-    said = one.wakes(53.0)
-    assert (said.truth, one.s.truth, one.s.unchanged, one.decision) == (1, 1, 0, -1)
-    # An uncertain belief that stays is not decided; a certain one is, after staying twice.
-    for k, (heard, expected) in enumerate([(1, -1), (1, -1), (2, -1), (2, -1), (2, 1)]):
-        one.s.is_signalling = False
-        one.s.phase_end_s = 100.0 + 10.0 * k
-        one.hears(2, 99.0 + 10.0 * k, truth=heard)
-        one.wakes(100.0 + 10.0 * k)
-        assert (one.s.truth, one.decision) == (heard, expected)
 
 
 # DBBS
@@ -512,33 +363,6 @@ def test_the_likelihood_of_dbbs_knows_the_error_rates() -> None:
     )
 
 
-def test_dbbs_takes_no_robot_again_within_its_memory() -> None:
-    one = One("dbbs", memory=2)
-    taken = []
-    for _ in range(8):
-        one.hears(3, ones=1, zeros=0, social_ones=0.0, social_zeros=0.0)
-        one.reads(1)
-        taken.append(int(one.a.taken[3]))
-    assert taken == [1, 1, 1, 4, 4, 4, 7, 7]
-
-
-def test_dbbs_counts_a_sender_heard_twice_between_two_readings_once() -> None:
-    one = One("dbbs")
-    for sender, heard in ((1, 1), (1, 1), (2, 2), (1, 2)):
-        one.hears(sender, ones=3, zeros=1, social_ones=0.0, social_zeros=0.0)
-        assert one.s.heard == heard
-
-
-def test_exponents_of_dbbs_stay_finite() -> None:
-    one = One("dbbs", memory=0, decay_own=1.0, decay_other=1.0)
-    for _ in range(2000):
-        one.hears(3, ones=9, zeros=1, social_ones=one.s.social_ones, social_zeros=one.s.social_zeros)
-        one.reads(1)
-    assert one.s.social_ones + one.s.social_zeros <= 1.01e12
-    assert one.s.social_ones / one.s.social_zeros == pytest.approx(9.0)
-    assert one.s.below == 0.0
-
-
 # ASDF and BayesCPF
 
 
@@ -548,53 +372,6 @@ def test_students_distribution(n: int) -> None:
         expected = 1 - 2 * stats.t.sf(t, n)
         assert asdf.student_central(t, n) == pytest.approx(expected, abs=1e-13)
         assert asdf.student_quantile(expected, n) == pytest.approx(t, rel=1e-9)
-
-
-def test_asdf_corrects_its_accuracy_by_hand() -> None:
-    assert asdf.calibrated(0.62, 0.7, 0.95) == pytest.approx(0.8)  # 0.8 0.7 + 0.2 0.3 = 0.62
-    assert asdf.calibrated(0.38, 0.3, 0.95) == pytest.approx(0.8)
-    assert asdf.calibrated(0.9, 0.7, 0.95) == asdf.PERFECT
-    assert asdf.calibrated(0.4, 0.7, 0.95) == asdf.LOWEST
-    assert asdf.calibrated(0.62, 0.5, 0.95) == 0.95, "blind at 1/2"
-    estimates, confidences = np.array([0.0, 0.7, 0.72, 0.74, 0.76]), np.array([0.0, 1.0, 5.0, 5.0, 9.0])
-    limit = np.std(estimates[1:], ddof=1) * (stats.t.ppf(0.55, 4) / 2.0 + 1.0)
-    for own in (0.73 - 1.001 * limit, 0.73 - 0.999 * limit):
-        assert asdf.differs(own, estimates, confidences, 0.1) == (own < 0.73 - limit)
-    assert not asdf.differs(0.1, estimates, np.array([0.0, 1.0, 0.0, 0.0, 0.0]), 0.1), (
-        "one other robot is too few"
-    )
-
-
-def swarm_of(
-    name: str, fill: float, accuracies: list[float], readings: int, seed: int, **params: Any
-) -> list[float]:
-    """Accuracies that robots assume after some readings each, of sensors with these accuracies."""
-    rng = np.random.default_rng(seed)
-    robots = [One(name, WORLD._replace(robot=i), **params) for i in range(len(accuracies))]
-    for _ in range(readings):
-        for i, robot in enumerate(robots):
-            said = robot.reads(int(rng.random() < accuracies[i] * fill + (1 - accuracies[i]) * (1 - fill)))
-            for j, other in enumerate(robots):
-                if j != i:
-                    other.hears(i, estimate=said.estimate, confidence=said.confidence)
-    return [float(robot.s.accuracy) for robot in robots]
-
-
-@pytest.mark.parametrize(("fill", "works"), [(0.9, True), (0.25, True), (0.5, False)])
-def test_a_robot_of_asdf_finds_its_accuracy_but_at_half(fill: float, works: bool) -> None:
-    """All sensors are right in 85 % of readings; one robot of five assumes 60 %."""
-    flawed = {"accuracy": 0.85, "flawed_accuracy": 0.6, "flawed_robots": 1}
-    error = abs(swarm_of("asdf", fill, 5 * [0.85], 400, 1, **flawed)[0] - 0.85)
-    assert (error < 0.1) == works
-
-
-@pytest.mark.parametrize(("fill", "works"), [(0.95, True), (0.1, True), (0.5, False)])
-def test_a_robot_of_bayes_cpf_finds_its_accuracy_but_at_half(fill: float, works: bool) -> None:
-    """One sensor of five is right in 70 % of readings, the others in 95 %; all robots assume 95 %."""
-    assumed = {"accuracy": 0.95, "variance": 1e-3, "drift": 0.0, "drift_variance": 1e-5, "window": 400}
-    true = [0.7, 0.95, 0.95, 0.95, 0.95]
-    error = abs(swarm_of("bayes_cpf", fill, true, 800, 1, **assumed)[0] - 0.7)
-    assert (error < 0.05) == works
 
 
 def alike(one: Result, other: Result) -> bool:
@@ -647,27 +424,6 @@ def test_bayes_cpf_corrects_as_a_kalman_filter() -> None:
     blind = SimpleNamespace(expected_accuracy=0.9, variance=0.004, ones=55)
     bayes_cpf.correct(blind, 80, 0.5)
     assert (blind.expected_accuracy, blind.variance) == (0.9, 0.004)
-
-
-def test_the_accuracy_of_bayes_cpf_keeps_its_bounds() -> None:
-    for mean, variance in ((1.02, 0.01), (0.45, 0.02), (1.3, 0.01), (0.3, 0.003)):
-        spread = math.sqrt(variance)
-        low, high = (bayes_cpf.LOWEST - mean) / spread, (bayes_cpf.PERFECT - mean) / spread
-        expected = stats.truncnorm.mean(low, high, mean, spread)
-        assert bayes_cpf.constrained(mean, variance) == pytest.approx(expected, abs=1e-6)
-    assert bayes_cpf.constrained(0.7, 0.01) == 0.7
-    assert bayes_cpf.constrained(9.0, 0.01) == bayes_cpf.PERFECT
-    assert bayes_cpf.constrained(-9.0, 0.01) == bayes_cpf.LOWEST
-
-
-def test_the_window_of_bayes_cpf_forgets() -> None:
-    one = One("bayes_cpf", window=4)
-    for k, value in enumerate((1, 1, 0, 1, 0, 0, 1)):
-        one.reads(value)
-        assert one.s.ones == sum((1, 1, 0, 1, 0, 0, 1)[max(k - 3, 0) : k + 1])
-    estimates: NDArray[np.float64] = np.array([50.0, 60.0, 30.0, 40.0])  # the latest is 60, the oldest 30
-    assert bayes_cpf.reference(estimates, 1, 4) == pytest.approx((4 * 30 + 3 * 40 + 2 * 50 + 60) / 10)
-    assert bayes_cpf.reference(estimates, 1, 2) == pytest.approx((2 * 50 + 60) / 3)
 
 
 # All of them

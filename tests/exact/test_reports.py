@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
-from scipy.stats import t as t_law
 
-from vibroswarm import Result, Scenario, Study, preset, simulate, tasks
+from vibroswarm import Scenario, preset, simulate
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.plots.reports import draw_run_reports
 from vibroswarm.statistics.figures import BY_NAME, Swarms
 from vibroswarm.statistics.reports_over_time import reports_over_time
 from vibroswarm.strategies import Report, Strategy, array, register
 from vibroswarm.strategies.base import forget
-from vibroswarm.study.summary import outcome_of
 
 PAPER = preset("paper").with_values({"run.t_end_s": 300.0})
 RUNS, ROBOTS = 4000, 5
@@ -60,18 +57,6 @@ def test_crps_is_the_integral_of_squared_differences(estimate: float, spread: fl
     assert BY_NAME["estimate_crps"].of_run(one)[0] == pytest.approx(integral, abs=1e-6)
 
 
-def test_a_robot_that_claims_certainty_is_scored_by_its_error() -> None:
-    certain = swarms(np.array([[0.7]]), np.array([[0.0]]), np.array([0.5]))
-    assert BY_NAME["estimate_crps"].of_run(certain)[0] == pytest.approx(0.2)
-    unstated = swarms(np.array([[0.7]]), np.array([[math.nan]]), np.array([0.5]))
-    assert BY_NAME["estimate_error"].of_run(unstated)[0] == pytest.approx(0.2)
-    assert np.isnan([BY_NAME[f"estimate_{name}"].of_run(unstated)[0] for name in ("coverage", "crps")]).all()
-    nothing = swarms(np.array([[math.nan]]), np.array([[math.nan]]), np.array([0.5]))
-    assert all(
-        np.isnan(BY_NAME[f"estimate_{name}"].of_run(nothing)[0]) for name in ("error", "coverage", "crps")
-    )
-
-
 def test_mcp_alone_reports_its_estimate_after_each_reading() -> None:
     alone = PAPER.with_values({"strategy.name": "mcp", "swarm.robots": 1, "decision.boundary_of": "tiles"})
     result = simulate(alone, seed=2, runs=2)
@@ -94,20 +79,6 @@ def test_estimates_of_counts_are_moments_of_the_posterior() -> None:
     posterior = beta(robots["alpha"].to_numpy(), robots["beta"].to_numpy())
     np.testing.assert_allclose(robots["estimate"].to_numpy(), posterior.mean(), rtol=1e-14)
     np.testing.assert_allclose(robots["estimate_spread"].to_numpy(), posterior.std(), rtol=1e-12)
-
-
-def test_arrays_are_reported_at_the_end_and_results_keep_reports(tmp_path: Path) -> None:
-    result = simulate(PAPER.with_values({"strategy.name": "dirichlet"}), seed=1, runs=2)
-    assert result.reports is not None
-    counts = result.reports.filter(pl.col("name") == "counts")
-    assert counts.height == 2 * 5 * 2
-    assert counts["sample"].gather_every(2).to_list() == (result.robots["samples"] - 1).to_list()
-    heard = result.robots["samples"] + result.robots["messages_received"] + 2  # and the prior
-    totals = counts.group_by("run", "robot", maintain_order=True).agg(pl.col("value").sum())["value"]
-    assert totals.cast(pl.Int64).to_list() == heard.to_list()
-    result.write(tmp_path / "kept")
-    assert Result.read(tmp_path / "kept") == result
-    assert simulate(PAPER, seed=1, runs=1).reports is None
 
 
 class Counted:
@@ -175,117 +146,3 @@ def test_an_array_of_the_state_is_reported_after_each_sample(counted: Scenario) 
     picture = draw_run_reports(result)
     assert [axes.get_title() for axes in picture.figure.axes if axes.get_title()][-1] == "share (of tiles)"
     assert "dashed: the true number, 0.48" in picture.caption
-
-
-@pytest.mark.parametrize("stop", ["t_end", "all_decided"])
-def test_studies_have_a_figure_of_each_report(counted: Scenario, stop: str, tmp_path: Path) -> None:
-    scenario = counted.with_values({"run.stop": stop})
-    runs = 6
-    outcome = outcome_of(Study(scenario, runs=runs, seed=4).run(tmp_path / "study"), compare=False)
-    (row,) = outcome.reported.filter(pl.col("report") == "share").to_dicts()
-    result = simulate(scenario, seed=4, runs=runs)
-    assert result.reports is not None
-    # What robots heard after their last sample counts, also where a run ends with the decisions.
-    (messages,) = outcome.reported.filter(pl.col("report") == "heard").to_dicts()
-    by_run = result.robots.group_by("run").agg(pl.col("messages_received").mean())
-    assert messages["value"] == pytest.approx(by_run["messages_received"].mean(), abs=1e-12)
-    after = (
-        result.reports.filter(pl.col("name") == "heard").group_by("run", "robot").agg(pl.col("value").max())
-    )
-    assert after["value"].sum() < result.robots["messages_received"].sum()
-    # An estimate depends on own samples only, so that the last report is that at the end.
-    last = (
-        result.reports.filter(pl.col("name") == "share").group_by("run", "robot", maintain_order=True).last()
-    )
-    by_run = last.group_by("run", maintain_order=True).agg(
-        value=pl.col("value").mean(), error=(pl.col("value") - 0.48).abs().mean()
-    )
-    for figure in ("value", "error"):
-        values = by_run[figure].to_numpy()
-        assert row[figure] == pytest.approx(values.mean(), abs=1e-12)
-        half = t_law.ppf(0.975, runs - 1) * values.std(ddof=1) / math.sqrt(runs)
-        assert row[f"{figure}_high"] - row[figure] == pytest.approx(half, rel=1e-9)
-    assert (row["unit"], row["runs"]) == ("of tiles", runs)
-    others = outcome.reported.filter(pl.col("report") == "agreed")
-    assert others["index"].to_list() == [0, 1, 2]
-    assert others["error"].null_count() == 3
-
-
-def test_robots_without_a_value_are_left_out_of_its_mean(counted: Scenario) -> None:
-    """Before its first sample a robot has nothing to report."""
-    early = counted.with_values({"run.t_end_s": 6.0})
-    found = Study(early, runs=20, seed=4).run().reported.filter(pl.col("name_reported") == "share")
-    result = simulate(early, seed=4, runs=20)
-    assert result.reports is not None
-    told = result.reports.filter(pl.col("name") == "share").group_by("run").agg(pl.col("value").mean())
-    assert 0 < told.height < 20 or (result.robots["samples"] == 0).any()
-    joined = found.join(told, on="run", suffix="_expected")
-    np.testing.assert_allclose(joined["value"], joined["value_expected"])
-
-
-class Claims:
-    """What robots claim after each sample."""
-
-    belief: float = 0.5
-    estimate: float = 0.5
-    spread: float = 0.1
-    counts: int = 0
-    bit: int = 1
-
-
-class Claimed:
-    alpha: int
-    beta: int
-    estimate: float
-    estimate_spread: float
-    due_s: float
-    nothing = array("float64", 0)
-
-
-def begin_claiming(s: Any, a: Any, d: Any, p: Any, w: Any) -> None:
-    s.due_s = math.inf
-
-
-def claim(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> bool:
-    s.alpha, s.estimate, s.estimate_spread, out.bit = p.counts, p.estimate, p.spread, p.bit
-    return True
-
-
-def undecided(s: Any, a: Any, p: Any, w: Any) -> int:
-    return -1
-
-
-def belief_claimed(s: Any, a: Any, p: Any, w: Any) -> float:
-    found: float = p.belief
-    return found
-
-
-@pytest.fixture(scope="module")
-def claiming() -> Iterator[Scenario]:
-    """Robots that claim what their parameters say."""
-    register(
-        Strategy(
-            name="claims", params=Claims, state=Claimed, begin=begin_claiming, on_sample=claim, decision=undecided,
-            belief=belief_claimed, reports=("due_s", "nothing"),
-        )
-    )  # fmt: skip
-    yield PAPER.with_values({"strategy.name": "claims", "run.t_end_s": 40.0, "swarm.robots": 2})
-    forget("claims")
-
-
-def test_what_robots_may_claim_is_read_back(claiming: Scenario, tmp_path: Path) -> None:
-    """Counts without a prior, a number that is no share, and an array of nothing."""
-    tasks.register(tasks.Task(name="tiles", truth=lambda floor, asked, p: 12.0, estimated="number of tiles"))
-    claims = claiming.with_values({"strategy.claims.estimate": 12.5, "task.name": "tiles"})
-    result = simulate(claims, seed=1)
-    result.write(tmp_path / "run")
-    assert Result.read(tmp_path / "run") == result
-    study = Study(claims, runs=2).run(tmp_path / "study")
-    assert study.robots["estimate"].unique().to_list() == [12.5]
-    assert Study(claims, runs=2).run(tmp_path / "study").frame["fill_ratio"].to_list() == [12.0, 12.0]
-    tasks.base.forget("tiles")
-
-
-def test_infinite_reports_are_not_drawn(claiming: Scenario) -> None:
-    picture = draw_run_reports(simulate(claiming, seed=1))
-    assert picture.numbers["value"].is_null().all()

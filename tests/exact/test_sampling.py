@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from vibroswarm.calibrate.message_loss import windows_of
 from vibroswarm.inference.outcomes import SHARES
 from vibroswarm.motion.motion_tables import MOTION
 from vibroswarm.observation.energy_model import error_rates
@@ -170,14 +169,6 @@ def worth_over_runs(ones: NDArray[np.float64], level: float = 0.95) -> tuple[flo
     return float(low), float(high)
 
 
-def test_no_figure_depends_on_the_runs_beside_it(paper: Result) -> None:
-    whole = walk_figures(paper.motion, paper.observations)
-    for some in ([3], [0, 7, 8, 200]):
-        chosen = pl.col("run").is_in(some)
-        part = walk_figures(paper.motion.filter(chosen), paper.observations.filter(chosen))
-        assert part.equals(whole.filter(chosen))
-
-
 @pytest.mark.parametrize("loss", [0.0, 0.09])
 def test_packet_loss(loss: float) -> None:
     result = simulate(
@@ -193,23 +184,6 @@ def test_packet_loss(loss: float) -> None:
         assert (table["packet_loss"] == 0.0).all()
     else:
         assert 1 - heard / addressed == pytest.approx(loss, abs=4 * math.sqrt(loss * (1 - loss) / addressed))
-
-
-@pytest.mark.parametrize("seed", [None, 4])
-def test_messages_before_a_robot_was_switched_on_are_not_lost(seed: int | None) -> None:
-    """They were: one of five robots, switched on after 400 of 900 s, made a loss of 10 % and bursts of 880 s.
-
-    A robot of a simulation hears from the start, whenever it first samples.
-    """
-    result = simulate(preset("paper").with_values({"run.t_end_s": 400.0}), 4, 1, energies=False)
-    is_off = (result.motion["robot"] == 4) & (result.motion["time_s"] < 200.0)
-    motion, inference = result.motion.filter(~is_off), result.inference.filter(~is_off)
-    missed = pl.when(pl.col("robot") == 4).then(result.inference.filter(is_off)["messages_received"][-1])
-    inference = inference.with_columns(pl.col("messages_received") - missed.otherwise(0))
-    late = Result(**{**vars(result), "seed": seed, "motion": motion, "inference": inference})
-    (lost,) = packet_loss(late)["packet_loss"]
-    unheard = sum(int((one.sent - one.received).sum()) for one in windows_of(late) if one.robot == 4)
-    assert (lost == 0.0, abs(unheard) <= 1) == (seed is None, seed is None)
 
 
 def test_packet_loss_of_a_robot_alone_is_not_known() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 
 from vibroswarm.floors.floor import Floor
@@ -92,11 +91,6 @@ def test_the_bit_says_whether_the_energy_is_above_the_threshold(sensor: Sensor) 
     assert expected.any()
 
 
-def energy_p(energy: NDArray[np.float32], shape: float, loc: float, scale: float) -> float:
-    """p-value of a Kolmogorov-Smirnov test against a Gamma distribution."""
-    return float(stats.kstest(energy, "gamma", args=(shape, loc, scale)).pvalue)
-
-
 def test_the_preset_text_has_the_labels_as_they_are_printed() -> None:
     false_positive, false_negative = error_rates(preset("text").sensor)
     assert false_positive == pytest.approx(float(stats.gamma.sf(1.55, 5.33, -0.20, 0.51)), rel=1e-12)
@@ -122,16 +116,6 @@ def test_a_measured_energy_on_the_threshold_reads_as_still() -> None:
     sensor = Sensor(model="energies", rms_threshold=1.5, vibrating_energies=(1.5,), still_energies=(1.5, 1.0))
     assert error_rates(sensor) == (0.0, 1.0)
     assert observed(sensor)["observation"].sum() == 0
-
-
-def test_where_there_is_no_tile_it_reads_as_still() -> None:
-    small = Floor.filling([[1]], 0.5, 1.0)  # vibrates everywhere; the right half of the arena has no tile
-    table = observed(Sensor(), small)
-    off = table.filter(pl.col("tile") == -1)
-    assert 9000 < off.height < 11_000
-    still = shares_below(Sensor())[0, 0, 0]
-    assert stats.binomtest(int(off["observation"].sum()), off.height, 1 - still).pvalue > 1e-3
-    assert energy_p(off["energy"].to_numpy(), 2.52194, 0.13731, 0.28754) > 1e-3
 
 
 def test_another_floor_changes_no_noise() -> None:

@@ -78,15 +78,6 @@ def test_a_run_has_another_speed_which_the_robot_keeps() -> None:
     assert np.unique(factors(Scenario().with_values(differing), count=50)).size == 1
 
 
-def test_it_is_drawn_apart_from_all_else_of_a_robot() -> None:
-    """Also where every sample has a new speed that wanders: all of a run are faster by the same."""
-    wandering = WIDE | {"robot.speed_redraw": "sample", "robot.speed_wander": 0.06}
-    plain = factors(Scenario().with_values(wandering))
-    faster = factors(Scenario().with_values(wandering | {"robot.speed_run_spread": 0.05})) / plain
-    assert np.ptp(faster) < 1e-12
-    assert abs(faster[0] - 1.0) > 1e-3
-
-
 def test_runs_that_differ_stay_within_the_bounds_too() -> None:
     found = speeds_at_start({"robot.speed_redraw": "robot", "robot.speed_run_spread": 0.4}, 300)
     assert found.min() == 0.9

@@ -119,21 +119,6 @@ def test_the_message_is_one_where_the_number_lies_below_the_probability() -> Non
     assert soft.message(1, 20, 200, 0.99, 100.0, 1.0, p) == 0
 
 
-@settings(deadline=None, max_examples=300)
-@given(
-    bits, counts, counts, st.floats(0, 5000), st.floats(0, 8), st.floats(2.0**-53, 1 - 2.0**-53),
-    st.sampled_from([0.0, 1e-14, 1e-10]),
-)  # fmt: skip
-def test_a_number_that_tells_early_tells_the_same(
-    o: int, alpha: int, beta: int, eta: float, kappa: float, u: float, beside: float
-) -> None:
-    """The short cut of the message, also for numbers beside the probability itself."""
-    belief = belief_below(alpha, beta, 0.5)
-    p = soft.probability(o, alpha, beta, belief, eta, kappa)
-    for number in (u, p - beside, p + beside):
-        assert soft.message(o, alpha, beta, belief, eta, kappa, number) == (1 if number < p else 0)
-
-
 @settings(deadline=None, max_examples=100)
 @given(bits, counts, counts, st.integers(0, 30), st.booleans())
 def test_a_decision_comes_only_past_the_gate(o: int, alpha: int, beta: int, own: int, revise: bool) -> None:
@@ -166,13 +151,6 @@ def test_decide_is_strict(threshold: float) -> None:
     assert decided(0.5, 1, world) == 1
 
 
-def test_decide_is_strict_on_the_other_side() -> None:
-    """With beliefs whose difference to 1 is exact."""
-    world = WORLD._replace(credible_threshold=0.75)
-    assert decided(0.25, -1, world) == -1
-    assert decided(0.25 - 2.0**-53, -1, world) == 1
-
-
 @pytest.mark.parametrize(
     ("gate", "current", "expected"),
     [
@@ -190,16 +168,6 @@ def test_the_gates_count(gate: int, current: bool, expected: int) -> None:
     world = WORLD._replace(gate=gate, gate_counts_current=current)
     assert is_enough(one, world._replace(min_observations=expected - 1))
     assert not is_enough(one, world._replace(min_observations=expected))
-
-
-@pytest.mark.parametrize("current", [False, True])
-@pytest.mark.parametrize("gate", [GATE_TOTAL, GATE_RECEIVED, GATE_OWN])
-def test_more_than_the_least_number_is_needed(gate: int, current: bool) -> None:
-    before = state(own=8, received=12)  # the sample below is the ninth
-    full = {GATE_TOTAL: 20, GATE_RECEIVED: 12, GATE_OWN: 8}[gate] + (current and gate != GATE_RECEIVED)
-    world = WORLD._replace(gate=gate, gate_counts_current=current, min_observations=full)
-    assert sampled(none, before, 0, world).decision == -1
-    assert sampled(none, before, 0, world._replace(min_observations=full - 1)).decision == 0
 
 
 def test_a_sample_observes_tests_and_composes_in_this_order() -> None:

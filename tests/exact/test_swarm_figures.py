@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
 
-import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.statistics.answers_over_time import AGREEMENTS
@@ -78,35 +74,6 @@ def test_four_runs_by_hand() -> None:
     assert s.belief_in_truth.estimate == pytest.approx((4 * 0.97 + 3 * 0.02 + 0.6) / 8)
 
 
-def test_plain_values_only() -> None:
-    s = summary(*FOUR, T_END)
-    row = s.as_row()
-    assert row["swarm_right_low"] == s.swarm_right.low
-    assert row["consensus_median_s"] is None
-    json.dumps(row, allow_nan=False)
-    assert "decision_time_s_high" in pl.DataFrame([row]).write_csv()
-
-
-def test_on_the_boundary_nothing_is_right_or_wrong() -> None:
-    on = cell([[0, 0], [1, -1]], [[10.0, 20.0], [30.0, None]], fill=0.5)
-    s = summary(*on, T_END)
-    assert s.swarm_truth_undefined.estimate == 0.5
-    assert (s.agreed_on_0, s.agreed_on_1) == (wilson(1, 2), wilson(0, 2))
-    assert s.robots_undecided.estimate == 0.25
-    undefined = (
-        s.swarm_right,
-        s.swarm_error,
-        s.robots_right,
-        s.robots_wrong,
-        s.robot_error,
-        s.belief_in_truth,
-    )
-    assert all(math.isnan(i.estimate) and i.n == 0 for i in undefined)
-    frame = robot_incidence(*on, T_END, [25.0])
-    assert frame.select("right", "undecided").row(0) == (None, 0.5)
-    assert swarm_incidence(*on, T_END, [25.0]).select("right", "open").row(0) == (None, 0.5)
-
-
 def test_no_runs_at_all() -> None:
     robots, runs = (frame.clear() for frame in FOUR)
     assert summary(robots, runs, T_END).robots_right.n == 0
@@ -122,38 +89,6 @@ def test_incidence_by_hand() -> None:
     assert swarm["wrong"].to_list() == [0, 0, 0.25]
     assert swarm["open"].to_list() == [1, 0.75, 0.5]
     assert swarm["right_high"][0] == pytest.approx(wilson(0, 4).high)
-
-
-cells = st.integers(1, 4).flatmap(
-    lambda m: st.lists(
-        st.lists(st.tuples(st.integers(-1, 1), st.integers(1, 99)), min_size=m, max_size=m),
-        min_size=1,
-        max_size=12,
-    )
-)
-
-
-@settings(deadline=None, max_examples=30)
-@given(cells)
-def test_the_last_of_the_incidence_is_the_summary(drawn: list[list[tuple[int, int]]]) -> None:
-    tables = cell(
-        [[d for d, _ in run] for run in drawn],
-        [[None if d == -1 else float(t) for d, t in run] for run in drawn],
-    )
-    s = summary(*tables, T_END)
-    times = [0.0, 25.0, 60.0, T_END]
-    frame, swarm = robot_incidence(*tables, T_END, times), swarm_incidence(*tables, T_END, times)
-    for name in ("right", "wrong", "undecided"):
-        whole = getattr(s, f"robots_{name}")
-        assert frame.row(-1, named=True)[name] == pytest.approx(whole.estimate)
-        assert frame.row(-1, named=True)[f"{name}_high"] == pytest.approx(whole.high)
-    assert swarm.row(-1, named=True)["right"] == pytest.approx(s.swarm_right.estimate)
-    assert (frame["right"].diff().drop_nulls() >= 0).all()
-    total = frame.select(pl.sum_horizontal("right", "wrong", "undecided")).to_series()
-    np.testing.assert_allclose(total, 1.0)
-    # The area above "undecided" up to t_end is the restricted mean.
-    fine = robot_incidence(*tables, T_END, np.arange(0.5, 100))["undecided"].to_numpy()
-    assert fine.mean() * T_END == pytest.approx(s.decision_time_s.estimate)
 
 
 def test_runs_robots_and_rows_in_any_order() -> None:

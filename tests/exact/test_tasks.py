@@ -9,16 +9,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from vibroswarm import InputError, Study, preset, simulate
+from vibroswarm import InputError, preset, simulate
 from vibroswarm.inference.outcomes import costs_of, forced_errors
 from vibroswarm.league.fronts import guess_level
 from vibroswarm.search.costs import COSTS
 from vibroswarm.search.outcomes import outcomes_of
 from vibroswarm.statistics.figures import run_figures
 from vibroswarm.statistics.verdict import headline, verdict
-from vibroswarm.study.cells import Cell
-from vibroswarm.study.comparison import comparisons
-from vibroswarm.study.run import run
 from vibroswarm.tasks import Task, base, register
 
 PAPER = preset("paper").with_values({"run.t_end_s": 300.0, "decision.min_observations": 40})
@@ -84,21 +81,6 @@ def test_the_share_of_any_kind_may_be_asked_for() -> None:
         PAPER.with_values({**three, "task.name": "share", "task.share.kind": 3})
 
 
-def test_a_study_of_estimates_compares_their_errors() -> None:
-    study = Study.of(SHARE, 12, seed=1, strategy__name=["none", "mcp"], task__name=["share", "fill_ratio"])
-    result = study.run()
-    alone = simulate(SHARE.with_values({"strategy.name": "mcp"}), 1, 12)
-    of_cell = result.where(**{"strategy.name": "mcp", "task.name": "share"})
-    assert of_cell.frame["fill_ratio"].to_list() == alone.runs["fill_ratio"].to_list()
-    assert of_cell.robots["estimate"].to_list() == alone.robots["estimate"].to_list()
-    compared = comparisons(result.where(**{"task.name": "share"}))
-    assert [one.paired.figure for one in compared] == ["estimate_error", "estimate_crps"]
-    decided = comparisons(
-        result.where(**{"task.name": "fill_ratio"})
-    )  # control: decisions are compared as ever
-    assert "wrong_share" in [one.paired.figure for one in decided]
-
-
 def test_a_task_of_ones_own_may_ask_for_another_number() -> None:
     left = Task(
         name="left", truth=lambda floor, asked, p: float(floor.tiles[:, :2].mean()), estimated="left share"
@@ -123,21 +105,6 @@ def test_a_task_of_ones_own_may_ask_for_another_number() -> None:
 
 
 # Sides
-
-
-def test_on_a_symmetric_floor_no_side_is_right() -> None:
-    scenario = PAPER.with_values(
-        {"task.name": "agree", "floor.source": "random:0.5", "floor.rows": 10, "floor.columns": 10}
-    )
-    result = simulate(scenario, 1, 10)
-    assert result.runs["truth"].null_count() == 10
-    assert "truth_undefined" in result.runs["consensus"].to_list()
-    three = {**THREE, "task.name": "agree", "floor.source": "random:0.32,0.36,0.32"}
-    assert PAPER.with_values(three).task.name == "agree"  # 8, 9 and 8 of 25
-    with pytest.raises(InputError, match="10, 9, 6"):
-        PAPER.with_values({**three, "floor.source": "random:0.4,0.36,0.24"})
-    with pytest.raises(InputError, match="choose majority"):
-        scenario.with_values({"floor.source": "random:0.49"})  # 49 of 100
 
 
 # Costs
@@ -196,21 +163,6 @@ def test_equal_costs_change_nothing_and_unequal_ones_do() -> None:
         assert plain["forced_error"].sum() > 0
         (outcomes,) = outcomes_of([tables[4].scenario], 1, range(30))
         np.testing.assert_allclose(outcomes.mistakes, factor * outcomes.wrong)
-
-
-def test_a_study_of_tasks_with_different_costs_keeps_them_apart() -> None:
-    labels = {
-        "two": PAPER.with_values({"task.costs": [[0, 1], [4, 0]], "run.t_end_s": 600.0}),
-        "plain": PAPER.with_values({"task.costs": [[0, 1], [1, 0]], "run.t_end_s": 600.0}),
-        "three": PAPER.with_values({**THREE, "run.t_end_s": 20.0}),
-    }
-    cells = [Cell(k, {}, scenario, name) for k, (name, scenario) in enumerate(labels.items())]
-    errors = run(cells, 10, 1).by_run(["forced_error"])["forced_error"]
-    for (name, scenario), error in zip(labels.items(), errors, strict=True):
-        result = simulate(scenario, 1, 10)
-        table = run_figures(result.robots, result.runs, scenario.run.t_end_s, costs=costs_of(scenario))
-        np.testing.assert_array_equal(error, table["forced_error"].to_numpy(), err_msg=name)
-    np.testing.assert_allclose(errors[0], errors[1] / 4)  # on .48 mistakes are false alarms
 
 
 # Bad input

@@ -10,7 +10,7 @@ from vibroswarm.core.jit import kernel
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.motion.robot_params import AT_ONCE, draw_veer_shifts, setup_of
-from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import widest_veer_shift
 
 
@@ -73,17 +73,3 @@ def test_a_robot_has_the_shift_of_its_latest_sample(drift_samples: int) -> None:
             assert state.swarm["misalignment"][robot] == pytest.approx(every[samples], abs=1e-12)
             assert abs(state.swarm["misalignment"][robot] - every[samples + 1]) > 1e-6, "not that of the next"
     assert met == set(range(AT_ONCE))
-
-
-def test_a_run_has_another_veer_and_a_robot_of_the_paper_has_one() -> None:
-    own = {"robot.misalignments": [0.01, -0.02], "swarm.robots": 2}
-    days = Scenario().with_values(own | {"robot.misalignment_run_spread": 0.02})
-    runs = np.array([begun(EventRun, days, 3, run).swarm["misalignment"].tolist() for run in range(300)])
-    assert runs.std(axis=0) == pytest.approx([0.02, 0.02], rel=0.15)
-    assert runs.mean(axis=0) == pytest.approx([0.01, -0.02], abs=0.005)
-    assert abs(np.corrcoef(runs.T)[0, 1]) < 0.2
-    kept = [
-        begun(EventRun, Scenario().with_values(own), 3, run).swarm["misalignment"].tolist() for run in (0, 1)
-    ]
-    assert kept == [[0.01, -0.02]] * 2
-    assert widest_veer_shift(preset("paper")) == 0.0

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -29,14 +27,11 @@ from vibroswarm.robot.walk import (
     RESET_AFTER_TURN,
     RESET_AT_AVOIDANCE,
     STOP,
-    TIMERS,
     TURN,
     Dice,
-    WalkProgram,
     WalkState,
     begin_walk,
     leg_duration_ms,
-    looks,
     turn_angle_deg,
     turn_command_percent,
     walk_step,
@@ -160,46 +155,6 @@ def test_the_timer(timer: int) -> None:
     assert (in_turn, turned, avoiding, avoided) == expected[timer]
 
 
-@pytest.mark.parametrize("timer", MODES)
-def test_the_timer_where_an_avoidance_begins(timer: int) -> None:
-    """A ray below the threshold: two rules restart, one of them holds at 0, one does not count; the others go on."""
-    program = PROGRAM._replace(timer=timer)
-    after = walk_step(WALKING._replace(mode=DRIVE), program, 0.0, 10.0, DICE)
-    assert after.mode == AVOID
-    assert after.timer_ms == {RESET_AT_AVOIDANCE: 20, HELD_AT_AVOIDANCE: 0, FROZEN_IN_AVOIDANCE: 1000}.get(
-        timer, 1020
-    )
-    free = walk_step(WALKING._replace(mode=DRIVE), program, 0.0, FAR, DICE)  # the control: nothing near
-    assert (free.mode, free.timer_ms) == (DRIVE, 1020)
-
-
-def test_a_timer_held_at_avoidance_counts_from_the_end_of_the_last_avoidance() -> None:
-    """At every step of an avoidance it is 0, also in one that follows another and after a sample."""
-    program = PROGRAM._replace(timer=HELD_AT_AVOIDANCE)
-    state = walk_step(WALKING._replace(mode=DRIVE), program, 0.0, 10.0, DICE)
-    while abs(state.error_deg) > 3.0:
-        state = walk_step(state, program, math.copysign(1.0, state.error_deg), 10.0, DICE)
-        assert (state.mode, state.timer_ms) == (AVOID, 0)
-    again = walk_step(
-        state, program, math.copysign(1.0, state.error_deg), 10.0, DICE
-    )  # something is there still
-    assert (again.mode, again.avoidances, again.timer_ms) == (AVOID, state.avoidances + 1, 0)
-    free = walk_step(state, program, math.copysign(1.0, state.error_deg), FAR, DICE)
-    assert (free.mode, free.timer_ms) == (DRIVE, 20)
-
-
-def test_the_timers_have_their_names() -> None:
-    assert TIMERS == (
-        "reset_after_turn",
-        "hold_in_turn",
-        "always",
-        "frozen_in_avoidance",
-        "reset_at_avoidance",
-        "held_at_avoidance",
-    )
-    assert [TIMERS[timer] for timer in MODES] == list(TIMERS)
-
-
 def test_a_sample_is_due_when_the_timer_is_past_the_interval() -> None:
     program = PROGRAM._replace(sample_interval_ms=2000.0)
     assert walk_step(WALKING._replace(timer_ms=2000), program, 0.0, FAR, DICE).mode == DRIVE
@@ -226,27 +181,6 @@ def test_a_sample_interrupts_an_avoidance_that_goes_on_after_it() -> None:
     assert after.integral_deg_s == pytest.approx(3.0 + 78.0 * 0.02)
 
 
-def test_an_avoidance_that_may_not_be_interrupted_is_finished_first() -> None:
-    program = PROGRAM._replace(interrupts_avoidance=False)
-    avoiding = WALKING._replace(mode=AVOID, error_deg=80.0, timer_ms=4000)
-    state = walk_step(avoiding, program, 2.0, FAR, DICE)
-    assert (state.mode, state.error_deg) == (AVOID, 78.0)
-    state = walk_step(state, program, 76.0, FAR, DICE)
-    assert state.mode == DRIVE
-    assert walk_step(state, program, 0.0, FAR, DICE).mode == STOP
-
-
-def test_a_sample_interrupts_a_turn_where_the_timer_always_runs() -> None:
-    program = PROGRAM._replace(timer=ALWAYS)
-    turning = WALKING._replace(mode=TURN, error_deg=80.0, timer_ms=4000, driven_ms=10_000)
-    state = walk_step(turning, program, 2.0, FAR, DICE)
-    assert (state.mode, state.resume, state.error_deg) == (STOP, TURN, 78.0)
-    while not state.sampled:
-        state = walk_step(state, program, 0.0, FAR, DICE)
-    after = walk_step(state, program, 0.0, FAR, DICE)
-    assert (after.mode, after.error_deg, after.legs, after.timer_ms) == (TURN, 78.0, 3, 20)
-
-
 def test_the_turn_command() -> None:
     def command(error: float, integral: float) -> float:
         state = WALKING._replace(mode=TURN, error_deg=error, integral_deg_s=integral)
@@ -259,41 +193,6 @@ def test_the_turn_command() -> None:
     assert command(41.0, 0.0) == 100.0
     assert command(-170.0, -9.0) == -100.0
     assert wheel_commands_percent(WALKING, PROGRAM) == (100.0, 100.0)
-
-
-states = st.builds(
-    WalkState,
-    mode=st.sampled_from([DRIVE, TURN, AVOID, STOP]),
-    resume=st.sampled_from([DRIVE, TURN, AVOID]),
-    sampled=st.booleans(),
-    leg_ms=st.sampled_from([0.0, 1000.0, 5000.0]),
-    driven_ms=st.integers(0, 300).map(lambda k: 20 * k),
-    timer_ms=st.integers(0, 300).map(lambda k: 20 * k),
-    stopped_ms=st.integers(0, 60).map(lambda k: 20 * k),
-    error_deg=st.floats(-180, 180),
-    integral_deg_s=st.floats(-500, 500),
-    legs=st.integers(1, 100),
-    avoidances=st.integers(0, 100),
-    samples=st.integers(0, 100),
-)
-
-
-@settings(deadline=None, max_examples=300)
-@given(states, st.floats(-5, 5), st.sampled_from(MODES), st.booleans())
-def test_a_step_that_does_not_look_does_not_see(
-    state: WalkState, gyro_deg: float, timer: int, interrupts: bool
-) -> None:
-    program = PROGRAM._replace(timer=timer, interrupts_avoidance=interrupts)
-    gyro_deg = 0.0 if state.mode == STOP else gyro_deg  # nobody turns while standing
-    near, far = (walk_step(state, program, gyro_deg, mm, DICE) for mm in (0.0, FAR))
-    if not looks(state, program, gyro_deg):
-        assert near == far
-    # Whatever happens, a timer never runs while the robot stands, and counts go up by one at most.
-    assert 0 <= near.legs - state.legs <= 1
-    assert 0 <= near.samples - state.samples <= 1
-    if near.mode == STOP:
-        assert near.timer_ms == state.timer_ms
-        assert near.driven_ms == state.driven_ms
 
 
 # Times and angles against scipy
@@ -414,17 +313,3 @@ def test_misalignment_speed_and_battery_scale_a_turn_too() -> None:
     np.testing.assert_allclose(
         rows["speed_m_s"].to_numpy()[~drive], (0.08 * share * full)[~drive], rtol=1e-9, atol=1e-15
     )
-
-
-def test_a_program_takes_its_parameters_from_the_scenario() -> None:
-    values = {
-        "walk.leg_min_ms": 3.0,
-        "sample.timer": "always",
-        "sample.stop_ms": 40.0,
-        "run.control_period_ms": 10,
-    }
-    program = walk_program(Scenario().with_values(values))
-    assert isinstance(program, WalkProgram)
-    assert (program.leg_min_ms, program.timer, program.stop_ms, program.tick_ms) == (3.0, ALWAYS, 40.0, 10)
-    assert (PROGRAM.location_ms, PROGRAM.scale_ms, PROGRAM.sample_interval_ms) == (7860.0, 10725.0, 3778.0)
-    assert (PROGRAM.gain, PROGRAM.integral_gain, PROGRAM.tolerance_deg) == (2.5, 0.15, 2.5)

@@ -21,35 +21,6 @@ def test_regular_floors_have_the_number_of_tiles_asked_for(rows, columns, ones):
         assert any(f.clusters == 1 and f.moran_index < 0.15 for f in found)  # the comb
 
 
-TARGETS = [
-    *((0.48, moran, None) for moran in (-0.95, -0.5, 0.0, 0.5, 0.9, 0.95)),
-    *((0.48, 0.5, entropy) for entropy in (0.5, 0.6, 0.8, 1.0)),
-    *((0.48, 0.0, entropy) for entropy in (0.3, 0.5, 0.7, 1.0)),
-    (0.48, -0.5, 0.2),
-    (0.48, -0.5, 0.4),
-    (0.48, 0.25, 0.4),
-    (0.48, 0.75, 0.7),
-    (0.48, 0.9, 0.95),
-    (0.1, 0.5, 0.5),
-    (0.1, 0.75, 0.9),
-    (0.9, 0.25, 1.0),
-    (0.9, -0.1, None),
-    (0.03, 0.25, 0.4),
-    (0.97, 0.5, None),
-]
-
-
-@pytest.mark.parametrize(("fill_ratio", "moran", "wanted"), TARGETS)
-def test_a_floor_is_as_asked(fill_ratio, moran, wanted):
-    made = make_floor(20, 20, fill_ratio, moran, wanted, seed=3)
-    assert made.tiles.shape == (20, 20)
-    assert made.difficulty == measure(made.tiles)
-    assert made.difficulty.ones == round(400 * fill_ratio)
-    assert abs(made.difficulty.moran_index - moran) <= TOLERANCE
-    assert wanted is None or abs(made.difficulty.entropy - wanted) <= TOLERANCE
-    assert made.reached
-
-
 @pytest.mark.parametrize(("rows", "columns", "ones"), [(4, 4, 4), (3, 4, 6), (2, 7, 4)])
 def test_on_small_floors_all_that_can_be_had_is_found(rows, columns, ones):
     """Every floor of this size is looked at: what some of them are must be made, and nothing else is claimed."""
@@ -81,16 +52,6 @@ def test_the_moran_index_alone_may_be_out_of_reach():
     made = make_floor(5, 5, 0.48, 0.95)
     assert not made.reached
     assert made.difficulty.moran_index == pytest.approx(0.69872, abs=1e-5)  # the highest of all 5,200,300
-
-
-def test_a_fill_ratio_that_the_tiles_cannot_give_is_rounded_and_judged():
-    near = make_floor(5, 5, 0.5, 0.0)
-    assert near.difficulty.ones == 12
-    assert near.reached
-    far = make_floor(2, 2, 0.4, -1.0)
-    assert far.difficulty.fill_ratio == 0.5
-    assert not far.reached
-    assert far.difficulty.moran_index == -1
 
 
 def test_the_same_seed_makes_the_same_floor_and_another_another():

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 from vibroswarm import strategies
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import InputError
 from vibroswarm.inference.reports import REPORTS
 from vibroswarm.motion.motion_tables import FAILURES
 from vibroswarm.result import Result
@@ -109,56 +109,4 @@ def test_the_floor_of_each_run_comes_back(result: Result, written: Path) -> None
 # Failure in the middle
 
 
-class OtherError(Exception):
-    """Something else than an error of the disk."""
-
-
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), OtherError()])
-@pytest.mark.parametrize("replacing", [False, True])
-def test_nothing_half_written_is_left(
-    result: Result,
-    other: Result,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    error: Exception,
-    replacing: bool,
-) -> None:
-    path = tmp_path / "r"
-    if replacing:
-        other.write(path)
-    write, written = Path.write_bytes, []
-
-    def fail_at_the_fourth(self: Path, data: bytes) -> int:
-        written.append(self)
-        if len(written) == 4:
-            raise error
-        return write(self, data)
-
-    expected, words = (RunError, "No space left") if isinstance(error, OSError) else (OtherError, None)
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "write_bytes", fail_at_the_fourth)
-        with pytest.raises(expected, match=words):
-            result.write(path, replace=replacing)
-    assert len(written) == 4
-    if replacing:
-        assert Result.read(path) == other
-    else:
-        assert not path.exists()
-    assert without_leftovers(path)
-
-
 # Damage
-
-
-@pytest.mark.parametrize("name", ["runs", "poses"])  # one that every result has, and one that not
-@pytest.mark.parametrize("damage", ["empty", "cut", "text", "foreign"])
-def test_a_damaged_table_is_named(folder: Path, name: str, damage: str) -> None:
-    path = folder / f"{name}.parquet"
-    whole = path.read_bytes()
-    if damage == "foreign":
-        pl.DataFrame({"a": [1]}).write_parquet(path)
-    else:
-        path.write_bytes({"empty": b"", "cut": whole[: len(whole) // 2], "text": b"run,robot\n1,2\n"}[damage])
-    with pytest.raises(InputError) as caught:
-        Result.read(folder)
-    assert caught.value.field == str(path)

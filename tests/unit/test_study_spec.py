@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from pathlib import Path
 from typing import Any
 
 from hypothesis import given, settings
@@ -95,21 +94,3 @@ def test_toml_there_and_back(study):
     assert (back.hash, back.runs, back.seed) == (study.hash, study.runs, study.seed)
     assert (back.name, back.motion) == (study.name, study.motion)
     assert back.to_toml() == text
-
-
-def test_the_text_stands_alone(tmp_path: Path) -> None:
-    (tmp_path / "world.txt").write_text("01\n11\n")
-    (tmp_path / "other.txt").write_text("00\n01\n")
-    (tmp_path / "base.toml").write_text('preset = "text"\n[floor]\nsource = "world.txt"\n')
-    (tmp_path / "s.toml").write_text(
-        'scenario = "base.toml"\nruns = 2\n[grid]\n"floor.source" = ["other.txt", "random:0.44", "diagonal:0.46"]\n'
-    )
-    study = Study.read(tmp_path / "s.toml")
-    assert study.cells[0].scenario.floor.tiles == ("00", "01")
-    assert study.cells[2].scenario.floor.tiles is None
-    text = study.to_toml()
-    for name in ("world.txt", "other.txt", "base.toml"):
-        (tmp_path / name).unlink()
-    assert Study.from_values(tomllib.loads(text)).hash == study.hash
-    assert "preset" not in text, "a later version may have other presets"
-    assert "walk_duration_scale_ms" in text
