@@ -73,7 +73,7 @@ def steer_to(state: KernelRun, until: int, sink: Sink, decide: Decide) -> None:
 
 
 def steered_rows(engine: type[KernelRun], scenario: Scenario, seed: int, run: int, decide: Decide) -> RunRows:
-    state, taken = begun(engine, scenario, seed, run, moves=True), Collected()
+    state, taken = begun(engine, scenario, seed, run, moves=True), Collected(TICK)
     steer_to(state, scenario.ticks, taken.sink, decide)
     return ended(state, taken)
 

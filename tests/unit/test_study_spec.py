@@ -54,7 +54,7 @@ def studies(draw: st.DrawFn) -> Study:
     fields = draw(st.lists(st.sampled_from(sorted(FIELDS)), min_size=1, max_size=3, unique=True))
     cut = draw(st.integers(0, len(fields)))
     blocks: dict[str, Any] = {}
-    names = draw(st.permutations(["grid", "list", "zip"]))
+    names = draw(st.permutations(["grid", "list"]))
     for name, part in zip(names, (fields[:cut], fields[cut:]), strict=False):
         if not part:
             continue
@@ -67,9 +67,6 @@ def studies(draw: st.DrawFn) -> Study:
             if name == "grid" and draw(st.booleans()):  # a range among lists, and tables within tables
                 values = {"decision": {"credible_threshold": {"from": 0.8, "to": 0.9, "steps": 2}}} | values
             blocks[name] = values
-    if draw(st.booleans()):
-        ranges = {"arena.width_m": {"from": 1, "to": 2, "scale": "log"}, "run.stop": ["t_end", "all_decided"]}
-        blocks = {"sobol": {"points": draw(st.integers(1, 3)), "seed": 5, **ranges}} | blocks
     levels = st.just(0.95) | st.floats(0.5, 0.999)
     until = draw(st.none() | st.builds(Precision, st.floats(0.001, 0.5), level=levels))
     base: dict[str, Any] = {} if "preset" in fields else {"preset": draw(FIELDS["preset"])}

@@ -6,13 +6,10 @@ file lists the varied fields in blocks, whose points are combined in all ways:
 | block | its points |
 |---|---|
 | ``grid`` | every combination of the fields' values |
-| ``zip`` | the first values of all fields, the second values of all fields, ...; all lists are equally long |
 | ``list`` | one point for each table of the list; a table may have a ``label`` |
-| ``sobol`` | as many as ``points`` says, evenly spread between bounds (a scrambled Sobol sequence) |
 
 A field's values are a list, or a range ``{from = 40, to = 80, steps = 5, scale = "log", whole = true}``; ``scale`` and
-``whole`` may be left out, and so may ``steps`` in a ``sobol``. Besides the fields of a scenario, ``preset`` may be
-varied.
+``whole`` may be left out. Besides the fields of a scenario, ``preset`` may be varied.
 """
 
 from __future__ import annotations
@@ -32,7 +29,7 @@ from vibroswarm.scenario.scenario import field_types, nearest_field
 
 Point = dict[str, Any]
 """The values of the varied fields in one cell, by the dotted names of the fields."""
-BLOCKS: Final = ("grid", "zip", "list", "sobol")
+BLOCKS: Final = ("grid", "list")
 """Names of the blocks of varied fields."""
 LABEL: Final = "label"
 """Key of a table of a ``list`` that names its cells."""
@@ -50,7 +47,7 @@ def points_of(blocks: Mapping[str, Any]) -> list[Point]:
     Args:
         blocks: as TOML gives them, by the names of ``BLOCKS``, in the order in which they are written.
     Raises:
-        InputError: an unknown block or field, a field in two blocks, or lists of unequal length.
+        InputError: an unknown block or field, or a field in two blocks.
     """
     check_known_keys(blocks, "study", BLOCKS)
     parts = [_points_in(name, block) for name, block in blocks.items()]
@@ -68,24 +65,8 @@ def _points_in(name: str, block: Any) -> list[Point]:
         check_kind(block, Sequence, name, "a list of tables: [[list]]")
         return [fields_in(entry, "list", (LABEL,)) for entry in block]
     check_kind(block, Mapping, name, "a table of fields and their values")
-    if name == "sobol":
-        return _spread({**block})
     values = {field: _values(field, given) for field, given in fields_in(block, name).items()}
-    try:
-        chosen = product(*values.values()) if name == "grid" else zip(*values.values(), strict=True)
-        return [dict(zip(values, each, strict=True)) for each in chosen]
-    except ValueError:
-        raise InputError("its lists are not equally long", field=name) from None
-
-
-def _spread(block: dict[str, Any]) -> list[Point]:
-    count = whole_number_of(block.pop("points", None), "sobol.points", 1, MOST)
-    rng = np.random.Generator(np.random.Philox(block.pop("seed", 0)))
-    fields = fields_in(block, "sobol")
-    return [
-        {field: _at(field, given, float(u)) for (field, given), u in zip(fields.items(), row, strict=True)}
-        for row in sobol_points(rng, count, len(fields))
-    ]
+    return [dict(zip(values, each, strict=True)) for each in product(*values.values())]
 
 
 def sobol_points(rng: np.random.Generator, count: int, dimensions: int) -> np.ndarray[Any, Any]:
@@ -96,18 +77,6 @@ def sobol_points(rng: np.random.Generator, count: int, dimensions: int) -> np.nd
         1 << (count - 1).bit_length()
     )  # of other numbers SciPy warns; the first points are the same
     return np.asarray(qmc.Sobol(dimensions, scramble=True, rng=rng).random(power_of_two)[:count])
-
-
-def _at(field: str, given: Any, u: float) -> Any:
-    """Return the value at the fraction ``u`` in [0, 1) of a range, or of a list of choices."""
-    if not isinstance(given, Mapping):
-        return given[int(u * len(given))]
-    low, high, scale, whole = bounds_of(given, field)
-    if not whole:
-        return value_between(low, high, scale, whole, u)
-    # On a linear scale each whole number has the same probability; rounding may give high + 1.
-    value = low * ((high + 1) / low) ** u if scale == "log" else low + u * (high + 1 - low)
-    return int(min(math.floor(value), high))
 
 
 def fields_in(block: Mapping[str, Any], name: str, may_have: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -131,7 +100,7 @@ def fields_in(block: Mapping[str, Any], name: str, may_have: tuple[str, ...] = (
 
 
 def _values(field: str, given: Any) -> list[Any]:
-    """Return the values of a field of a grid or zip, which are given as a list or as a range with ``steps``."""
+    """Return the values of a field of a grid, which are given as a list or as a range with ``steps``."""
     if isinstance(given, Mapping):
         bounds = bounds_of(given, field)
         steps = whole_number_of(given.get("steps"), f"{field}.steps", 2, MOST)

@@ -330,7 +330,7 @@ def as_toml(values: Mapping[str, Any]) -> str:
         # The block ``list`` is an array of tables, each with the head [[list]]; every other block is one table.
         head, tables = (f"[[{name}]]", values[name]) if name == "list" else (f"[{name}]", [values[name]])
         for table in tables:
-            fields = fields_in(table, name, (LABEL, "points", "seed"))
+            fields = fields_in(table, name, (LABEL,))
             # A name in quotes is written alike in JSON and in TOML.
             lines = (f"{json.dumps(each)} = {_inline(value)}" for each, value in fields.items())
             parts.append("\n".join([head, *lines]))
