@@ -19,7 +19,7 @@ import twins
 import vibroswarm
 from helpers.commands import printed_by
 from helpers.drawn_scenarios import RAY_COUNTS
-from helpers.motion_runs import begun, ended, rows_of
+from helpers.motion_runs import Taken, begun, ended, rows_of
 from helpers.walk_checks import assert_engines_agree, assert_same_rows
 from random_scenarios import APART, SECTIONS, Seeded, fitted, random_scenario, random_values
 from twins import judge
@@ -27,7 +27,6 @@ from vibroswarm import simulate
 from vibroswarm.inference.outcomes import SHARES
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
-from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.scenario.fault_fields import MotionFaults
 from vibroswarm.scenario.scenario import preset
 
@@ -246,7 +245,7 @@ def test_pieces_do_not_matter_where_lists_of_neighbours_are_made_anew():
         {"swarm.robots": 30, "arena.width_m": 2.0, "arena.height_m": 2.0, "run.t_end_s": 40.0}
     )
     whole = rows_of(begun(EventRun, scenario, 14))
-    state, pieces = begun(EventRun, scenario, 14), Collected()
+    state, pieces = begun(EventRun, scenario, 14), Taken()
     for until in (1, 127, 128, 129, 256, 257, 650, 650, 1999, 2000):
         state.advance(until, pieces.sink)
     found = ended(state, pieces)

@@ -104,13 +104,13 @@ def test_a_warning_marks_the_run_failed(tmp_path: Path, monkeypatch: pytest.Monk
     few = BRIEF.scenario.with_values({"swarm.robots": 5})
     found = []
     for pieces in ((500,), (255, 450, 500)):
-        state, taken = begun(WheelsRun, few, 3, 4), Collected()
+        state, taken = begun(WheelsRun, few, 3, 4), Collected(20)
         state.advance(250, taken.sink)
         state.data.qvel[0] = 1e20
         for until in pieces:
             state.advance(until, taken.sink)
         taken.end(state)
-        found.append(taken.motion(20))
+        found.append(taken.motion())
     same(*found)
     in_pieces, at_once = found
     assert in_pieces.failures is not None

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import pdist, squareform
 
-from helpers.motion_runs import begun
+from helpers.motion_runs import Taken, begun
 from vibroswarm.core.jit import kernel, zero_rows
 from vibroswarm.motion.control_step import ROBOT, Swarm
-from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.motion.physics.arcs import arc_between
 from vibroswarm.motion.physics.wheels_model import (
     BASE_M,
@@ -91,7 +90,7 @@ def path_of(gap_m: float | None) -> NDArray[np.float64]:
         state.wheels = state.wheels._replace(gap_m=gap_m)
     places = []
     for period in range(500):
-        state.advance(period + 1, Collected().sink)
+        state.advance(period + 1, Taken().sink)
         places.append(np.column_stack([state.swarm[name] for name in ("x_m", "y_m", "heading_rad")]))
     return np.array(places)
 
@@ -125,7 +124,7 @@ def test_a_robot_at_rest_stays_where_it_is() -> None:
     kept = []
     for period in range(1000):
         before, old = state.data.ctrl[:2].any(), state.data.qpos.copy()
-        state.advance(period + 1, Collected().sink)
+        state.advance(period + 1, Taken().sink)
         stands = not before and not state.data.ctrl[:2].any()
         kept.append((stands, bool((old == state.data.qpos).all()), float(state.swarm["gyro_deg"][0])))
     still = [gyro for stands, same, gyro in kept if stands and same]

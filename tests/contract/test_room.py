@@ -52,7 +52,7 @@ from vibroswarm.scenario.scenario import Scenario
 def whole(scenario):
     state = EventRun(scenario)
     state.begin(3, 0)
-    state.advance(scenario.ticks, Collected().sink)
+    state.advance(scenario.ticks, Collected(20).sink)
 warnings.simplefilter("ignore", RuntimeWarning)  # of places in which there is no robot
 for robots in (1, 2, 16, 17, 36):  # 16: the largest swarm without lists of neighbours
     scenario = Scenario().with_values({values!r} | {{"swarm.robots": robots}})

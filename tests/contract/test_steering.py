@@ -13,12 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from helpers.motion_runs import RunRows, begun, ended
+from helpers.motion_runs import RunRows, Taken, begun, ended
 from helpers.walk_checks import CASES, CHECKS, Check, assert_same_rows, check_in
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.kernel_run import KernelRun
-from vibroswarm.motion.motion_tables import Collected, Sink
+from vibroswarm.motion.motion_tables import Sink
 from vibroswarm.motion.source import Source
 from vibroswarm.robot.walk import (
     DRIVE,
@@ -73,7 +73,7 @@ def steer_to(state: KernelRun, until: int, sink: Sink, decide: Decide) -> None:
 
 
 def steered_rows(engine: type[KernelRun], scenario: Scenario, seed: int, run: int, decide: Decide) -> RunRows:
-    state, taken = begun(engine, scenario, seed, run, moves=True), Collected(TICK)
+    state, taken = begun(engine, scenario, seed, run, moves=True), Taken()
     steer_to(state, scenario.ticks, taken.sink, decide)
     return ended(state, taken)
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from helpers.motion_runs import begun
+from helpers.motion_runs import Taken, begun
 from vibroswarm.core.jit import kernel
 from vibroswarm.motion.event.event_run import EventRun
-from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.motion.robot_params import AT_ONCE, draw_veer_shifts, setup_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import widest_veer_shift
@@ -65,7 +64,7 @@ def test_a_robot_has_the_shift_of_its_latest_sample(drift_samples: int) -> None:
     values = own | veer | {"robot.misalignment_drift_samples": drift_samples}
     state, met = begun(EventRun, Scenario().with_values(values), 5, 0), set()
     for time_s in range(0, 400, 4):
-        state.advance(50 * time_s, Collected().sink)
+        state.advance(50 * time_s, Taken().sink)
         for robot, misalignment in enumerate(own["robot.misalignments"]):
             samples = int(state.swarm["samples"][robot])
             met.add(samples % AT_ONCE)

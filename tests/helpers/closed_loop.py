@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from helpers.motion_runs import Taken
 from vibroswarm.inference.closed_loop import ClosedLoop
 from vibroswarm.inference.motion_feedback import steer_on, steerable
-from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.motion.source import started
 from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.result import Result
@@ -23,7 +23,7 @@ def followed(scenario: Scenario, seed: int) -> tuple[ClosedLoop, Result]:
     state = steerable(started("event", scenario, moves=True), "event")
     state.begin(seed, 0)
     while state.tick < scenario.ticks:
-        steer_on(state, loop, scenario.ticks, Collected().sink)
+        steer_on(state, loop, scenario.ticks, Taken().sink)
     return loop, result
 
 
