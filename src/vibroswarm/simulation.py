@@ -33,7 +33,6 @@ from vibroswarm.result import Result, change_frame, floor_frame
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import fault_frame
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies import known
 
 Progress = Callable[[float], None]
 """Called now and then with the share of the work done, in [0, 1]."""
@@ -228,9 +227,8 @@ def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, F
 
 
 def steers(scenario: Scenario) -> bool:
-    """Return whether a scenario's strategy steers the robots; False if its code is not loaded."""
-    chosen = known().get(scenario.strategy.name)
-    return chosen is not None and chosen.steer is not None
+    """Return whether a scenario's strategy steers the robots."""
+    return scenario.strategy.entry.steer is not None
 
 
 def result_of(

@@ -21,6 +21,7 @@ from vibroswarm.scenario.scenario import (
     preset,
     value_of,
 )
+from vibroswarm.study.options import warnings_of
 
 PAPER_HASH = "b228ca891f32417f"
 """Of the preset ``paper``. It changes only when what the paper's simulations did is understood otherwise, or
@@ -296,3 +297,9 @@ def test_any_values_are_a_scenario_or_an_input_error(values: dict[str, Any]) -> 
     except InputError:
         return
     assert Scenario.from_toml(scenario.to_toml()) == scenario
+
+
+def test_final_decisions_on_a_changing_floor_are_warned_of():
+    changing = preset("paper").with_values({"change.at_s": 600, "change.to": "invert"})
+    assert any("decisions are final" in one for one in warnings_of(changing))
+    assert not warnings_of(preset("paper"))

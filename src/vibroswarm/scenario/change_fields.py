@@ -166,12 +166,3 @@ def change_words(change: Change) -> str:
         return f"Each tile is redrawn {stated(change.rate_per_h)} times an hour on average."
     steps = [f"{to} at {stated(time_s)} s" for time_s, to in change.steps()]
     return f"The floor changes: {', '.join(steps)}." if steps else ""
-
-
-def change_warnings(change: Change, is_final: bool) -> Iterator[str]:
-    """Yield a warning about changes under decisions that are final (``is_final``)."""
-    if change.is_given and is_final:
-        yield (
-            "the floor changes, and decisions are final; set decision.revise, with soft, forget, reset or fading "
-            "(dirichlet_soft for several kinds of tile)"
-        )

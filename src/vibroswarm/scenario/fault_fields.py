@@ -15,12 +15,6 @@ from pydantic import AfterValidator, Field
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.errors import InputError
 
-OF_TWO_KINDS: Final = (
-    "false_positive_shift", "false_negative_shift", "false_positive_drift_per_h", "false_negative_drift_per_h",
-)  # fmt: skip
-OF_ANY_SENSOR: Final = ("misread_shift", "misread_drift_per_h")
-"""Fields by which a biased sensor differs from others: of one with a law of two kinds of tile, and of any."""
-
 Shift = Annotated[float, Field(ge=-1, le=1)]
 Drift = Annotated[float, Field(ge=-1000, le=1000)]
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
-from vibroswarm.scenario.fault_fields import OF_TWO_KINDS, check_faults
+from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.sensors.confusion import check_rates
 from vibroswarm.strategies.base import Plugin
@@ -153,32 +153,13 @@ def _check_times(s: Sections) -> None:
 
 
 def _check_sensor(s: Sections) -> None:
-    """Refuse what the sensor's own check refuses, claims of other rates than it has, and options it has no use for."""
+    """Refuse what the sensor's own check refuses, and claims of other rates than it has."""
     sensor = s.sensor
     _check_own(sensor.entry, sensor.entry.check, sensor.params)
     if sensor.claimed_rates is not None:
         field, rows = "sensor.claimed_rates", len(sensor.claimed_rates)
         _refuse(rows != sensor.kinds, field, f"give {sensor.kinds} rows, one for each kind of tile")
         check_rates(sensor.claimed_rates, sensor.readings, field)
-    for field in _options_without_law(s):
-        raise InputError(
-            f"has no meaning for the sensor '{sensor.model}' on this floor; leave it out", field=field
-        )
-
-
-def _options_without_law(s: Sections) -> list[str]:
-    """Return the fields that are set and change a strength or a law of two kinds of tile, if the sensor has none."""
-    sensor, model = s.sensor, s.sensor.entry
-    is_of_many = max(sensor.kinds, sensor.readings) > 2
-    names: list[str] = []
-    if not model.scales:
-        names += ["tile_spread", "robot_spread"]
-    if model.sense is not None or is_of_many or s.floor.values is not None:
-        names += ["edge_reach_m", "edge_blur_m"]
-    fields = [f"sensor.{name}" for name in names if getattr(sensor, name)]
-    if (model.sense is not None or is_of_many) and s.faults.biased:
-        fields += [f"faults.{name}" for name in OF_TWO_KINDS if getattr(s.faults, name)]
-    return fields + ["decision.boundary_of"] * (is_of_many and s.decision.boundary_of == "tiles")
 
 
 def _check_floor(s: Sections) -> None:

@@ -46,7 +46,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm import strategies
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import Array, truth_of_robot, truth_over_time
 from vibroswarm.result import Result
@@ -66,12 +65,11 @@ NO_AGREEMENTS: Final = pl.DataFrame(schema=AGREEMENTS)
 
 
 def may_change(scenario: Scenario) -> bool:
-    """Return whether opinions may change after the swarm has decided; False for a strategy whose code is not loaded.
+    """Return whether opinions may change after the swarm has decided.
 
     A run that stops when all have decided ends with the agreement, so that nothing is known of what comes after it.
     """
-    known = strategies.known().get(scenario.strategy.name)
-    return known is not None and known.decides == "opinion" and scenario.run.stop == "t_end"
+    return scenario.strategy.entry.decides == "opinion" and scenario.run.stop == "t_end"
 
 
 def is_followed(scenario: Scenario) -> bool:

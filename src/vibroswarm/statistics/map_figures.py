@@ -38,7 +38,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm import strategies
 from vibroswarm.core.jit import read_only
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import Swarm
@@ -62,10 +61,10 @@ MAP_FIGURES: Final[dict[str, Any]] = {"run": pl.UInt32, **dict.fromkeys(MAPPED, 
 
 
 def keeps_map(scenario: Scenario) -> bool:
-    """Return whether robots keep a map of the tiles that vibrate; False for a strategy whose code is not loaded."""
-    known = strategies.known().get(scenario.strategy.name)
+    """Return whether robots keep a map of the tiles that vibrate."""
+    strategy = scenario.strategy.entry
     has_tiles = scenario.sensor.kinds == 2 and not scenario.floor.has_surface
-    return known is not None and has_tiles and (known.name in WITH_MAP or "p" in known.reported)
+    return has_tiles and (strategy.name in WITH_MAP or "p" in strategy.reported)
 
 
 def map_figures(

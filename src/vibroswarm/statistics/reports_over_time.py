@@ -56,11 +56,9 @@ def estimates_of(result: Result) -> list[str]:
     return ["estimate", *(one.name for one in reported if one.estimates)]
 
 
-def true_number_over_time(result: Result, run: int) -> list[tuple[float, float]] | None:
-    """Return from when on (s), 0 first, the number that such reports estimate is which; None if it is not known."""
+def true_number_over_time(result: Result, run: int) -> list[tuple[float, float]]:
+    """Return from when on (s), 0 first, the number that such reports estimate is which."""
     floor, (row,) = result.floor(run), result.runs.filter(run=run).to_dicts()
     if not floor.is_changing:
         return [(0.0, row["fill_ratio"])]
-    if result.scenario.task.entry is None:  # its code is not loaded
-        return None
     return number_over_time(result.scenario, floor, row["end_s"])

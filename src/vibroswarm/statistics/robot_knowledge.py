@@ -16,7 +16,6 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm import sensors, strategies
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import claims_differ
 from vibroswarm.scenario.scenario import Scenario
@@ -47,11 +46,8 @@ def claims_notes(scenarios: Iterable[Scenario]) -> list[str]:
 
 
 def goes_by_rates(scenario: Scenario) -> bool:
-    """Return whether robots use the rates of their sensor; False if code of the scenario is not loaded."""
-    is_loaded = scenario.strategy.name in strategies.known() and scenario.sensor.model in sensors.known()
-    return is_loaded and "error rates" in told(
-        strategies.strategy(scenario.strategy.name), scenario.decision.boundary_of
-    )
+    """Return whether robots use the rates of their sensor."""
+    return "error rates" in told(scenario.strategy.entry, scenario.decision.boundary_of)
 
 
 COUNTED: Final = {
@@ -76,13 +72,13 @@ def counted(gate: str) -> pl.Expr:
 def gate_unreached(scenario: Scenario, most: int | None) -> str:
     """Return a sentence if no robot had enough observations to decide; empty if one had, or if there is no such gate.
 
-    A task that asks for a number has none, and a strategy whose code is not loaded is taken to have none.
+    A task that asks for a number has none.
 
     Args:
         most: observations of the robot that had most of them (``counted``); None: not known.
     """
-    rule, strategy = scenario.decision, strategies.known().get(scenario.strategy.name)
-    if scenario.task.asks_number or strategy is None or "min_observations" not in fields_read(strategy):
+    rule = scenario.decision
+    if scenario.task.asks_number or "min_observations" not in fields_read(scenario.strategy.entry):
         return ""
     if most is None or most > rule.min_observations:
         return ""

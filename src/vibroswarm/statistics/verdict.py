@@ -21,7 +21,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm import strategies, tasks
+from vibroswarm import strategies
 from vibroswarm.core.numbers import every, number, span, stated, stated_percent
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -163,8 +163,8 @@ def _scores(result: Result, run: int) -> dict[str, Any]:
     """Return how good the estimates of a run are if the task asks for a number, and else whether it asks anew."""
     words = asked_number(result.scenario)
     if not words:
-        known = tasks.known().get(result.scenario.task.name)
-        return {"asked_anew": known is not None and known.is_asked_anew(result.scenario.task.params)}
+        task = result.scenario.task
+        return {"asked_anew": task.entry.is_asked_anew(task.params)}
     of_run = pl.col("run") == run
     table = run_figures(result.robots.filter(of_run), result.runs.filter(of_run), result.scenario.run.t_end_s)
     when = " at the end" if result.floor(run).is_changing else ""
@@ -172,15 +172,13 @@ def _scores(result: Result, run: int) -> dict[str, Any]:
 
 
 def has_own_estimate(scenario: Scenario) -> bool:
-    """Return whether robots report an estimate of their own; False for a strategy whose code is not loaded."""
-    known = strategies.known().get(scenario.strategy.name)
-    return known is not None and known.has_own_estimate
+    """Return whether robots report an estimate of their own."""
+    return bool(scenario.strategy.entry.has_own_estimate)
 
 
 def asked_number(scenario: Scenario) -> str:
-    """Return in words the number that the task asks for; empty if it asks for a decision, or its code is not loaded."""
-    known = tasks.known().get(scenario.task.name)
-    return "" if known is None else known.estimated_in_words(scenario.task.params)
+    """Return in words the number that the task asks for; empty if it asks for a decision."""
+    return str(scenario.task.entry.estimated_in_words(scenario.task.params))
 
 
 def mean_over_time(floor: Floor, end_s: float, expected: Callable[[Floor], Any]) -> Any:
@@ -209,10 +207,9 @@ def presumed(scenario: Scenario) -> str:
 
 
 def answers_of(scenario: Scenario) -> tuple[str, ...]:
-    """Return the meaning of decisions 0, 1 and so on in words; "no" and "yes" if the task's code is not loaded."""
-    known = tasks.known().get(scenario.task.name)
+    """Return the meaning of decisions 0, 1 and so on in words."""
     boundary = stated_percent(scenario.decision.decision_boundary)
-    answers = ("no", "yes") if known is None else known.answers_of(scenario.sensor.kinds)
+    answers = scenario.task.entry.answers_of(scenario.sensor.kinds)
     return tuple(answer.replace("{boundary}", boundary) for answer in answers)
 
 

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, TypedDict, Unpack
 
-from vibroswarm import tasks
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.floor import sides_inside
@@ -203,11 +202,14 @@ def _floor_values(
 
 
 def warnings_of(scenario: Scenario) -> list[str]:
-    """Return the warnings about a scenario, without a full stop: a map beyond the arena, an answer asked for once."""
-    found = []
-    task = tasks.known().get(scenario.task.name)
-    withdraws = getattr(scenario.strategy.params, "tells_anew", False)
-    if withdraws and task is not None and not task.is_asked_anew(scenario.task.params):
+    """Return the warnings about a scenario: final decisions on changing floors, answers asked for once, a large map."""
+    found, strategy, task = [], scenario.strategy.entry, scenario.task
+    is_final = strategy.decides == "once" and not (strategy.revises and scenario.decision.revise)
+    if scenario.change.is_given and is_final and task.name != "changed" and not task.asks_number:
+        found.append(
+            "the floor changes, and decisions are final; set decision.revise, with soft, forget or reset"
+        )
+    if getattr(scenario.strategy.params, "tells_anew", False) and not task.entry.is_asked_anew(task.params):
         found.append("robots withdraw each answer but are asked only once; set task.changed.since = answer")
     if scenario.strategy.name in WITH_MAP:
         floor = scenario.floor_for(0, 0)  # whose size is that of all runs
