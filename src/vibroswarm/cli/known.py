@@ -24,7 +24,7 @@ strategies = _listing(
     "strategy", "List the strategies: what robots remember, send and decide. More in docs/strategies.md."
 )
 networks = _listing(
-    "network", "List the networks: which messages arrive, and when. More in docs/networks.md."
+    "network", "List the networks: which messages arrive, and when. More in docs/networks-and-faults.md."
 )
 tasks = _listing("task", "List the tasks: what is asked of the swarm.")
 motions = _listing("motion", "List the sources of motion: where and when robots sample.")

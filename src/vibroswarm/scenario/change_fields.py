@@ -1,7 +1,7 @@
 """Fields of ``[change]``: how the floor changes during a run; by default it stays as it is.
 
 Either at given times, to another floor each, or at random, with a rate. ``floors.changes`` draws the changes, and
-docs/change.md says what a right answer is then.
+docs/floors.md says what a right answer is then.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A fault affects a share of the swarm, or the robots that are listed. It begins at a given time, or for each robot at a
 time drawn from a range. By default no robot fails. ``vibroswarm.scenario.fault_draws`` draws which robots fail;
-docs/faults.md describes the model.
+docs/networks-and-faults.md describes the model.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 |---|---|---|---|
 | chassis, wheel | kg | 0.032, 0.002 | a robot of 25 x 33 x 35 mm with a battery; assumed |
 | wheel base, track | m | BASE_M, TRACK_M | between the points where wheels touch; assumed |
-| friction | - | DRIVEN, PASSIVE | on the floor; driven assumed, passive fitted: 0.10 +- 0.05 (docs/mujoco.md) |
+| friction | - | DRIVEN, PASSIVE | on the floor; driven assumed, passive fitted: 0.10 +- 0.05 (docs/robots-and-mujoco.md) |
 | adhesion | N | 0.3 | of each magnetic wheel; assumed |
 | rotor | kg m^2 | 3e-5 | inertia of a motor behind its gears; assumed: it starts and stops within two periods |
 
@@ -72,7 +72,7 @@ ROLLING_M: Final = 0.00586
 HALF_WHEEL_M: Final = 0.002
 """Half of the width of a wheel."""
 LENGTH_M, WIDTH_M, HEIGHT_M = 0.033, 0.025, 0.035
-"""Size of the robot, with its wheels; the paper does not say which is which (docs/mujoco.md)."""
+"""Size of the robot, with its wheels; the paper does not say which is which (docs/robots-and-mujoco.md)."""
 CLEARANCE_M: Final = 0.002
 """Height of the chassis above the floor."""
 CORNER_M: Final = math.hypot(LENGTH_M / 2, WIDTH_M / 2)
