@@ -12,6 +12,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 os.environ["VIBROSWARM_PLAIN"] = "1"  # kernels as plain functions, with their signatures and docstrings
 
 import docstrings
+import make_commands
+import make_reference
 
 project = "vibroswarm"
 author = "The vibroswarm authors"
@@ -60,5 +62,7 @@ html_search_scorer = str(Path(__file__).with_name("search_scorer.js"))
 
 
 def setup(app: Any) -> None:
-    """Convert plain-text docstrings for Sphinx."""
+    """Write the pages that are made from the sources, and convert plain-text docstrings for Sphinx."""
+    for page in (make_reference, make_commands):
+        page.TARGET.write_text(page.reference(), encoding="utf-8")
     app.connect("autodoc-process-docstring", docstrings.process, priority=400)

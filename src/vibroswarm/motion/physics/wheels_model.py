@@ -4,7 +4,7 @@
 |---|---|---|---|
 | chassis, wheel | kg | 0.032, 0.002 | a robot of 25 x 33 x 35 mm with a battery; assumed |
 | wheel base, track | m | BASE_M, TRACK_M | between the points where wheels touch; assumed |
-| friction | - | DRIVEN, PASSIVE | on the floor; driven assumed, passive fitted: 0.10 +- 0.05 (docs/robots-and-mujoco.md) |
+| friction | - | DRIVEN, PASSIVE | on the floor; driven assumed, passive fitted: 0.10 +- 0.05 (robots-and-mujoco.md) |
 | adhesion | N | 0.3 | of each magnetic wheel; assumed |
 | rotor | kg m^2 | 3e-5 | inertia of a motor behind its gears; assumed: it starts and stops within two periods |
 
