@@ -13,7 +13,8 @@ from helpers.plain_reference import equals_plain
 from vibroswarm import networks
 from vibroswarm.core.rng import ALONE, NETWORK
 from vibroswarm.inference.deliveries import timeline_of
-from vibroswarm.inference.replay import sent_messages
+from vibroswarm.inference.replay import advance, classes_and_values
+from vibroswarm.inference.replayer import replayer_of
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.pose import pose
 from vibroswarm.networks import tree
@@ -70,7 +71,10 @@ def log_of(result: Result, run: int) -> SimpleNamespace:
     moves = None if result.moves is None else result.moves.filter(run=run)
     timeline = timeline_of(result.scenario, Motion(samples=parts[0], ends=parts[1], moves=moves))
     assert result.seed is not None
-    sender, tick, arrival = sent_messages(result.scenario, result.seed, timeline, parts[2])
+    replayer = replayer_of(result.scenario, result.seed, timeline, lists_arrivals=True)
+    advance(replayer, result.scenario, result.seed, timeline, *classes_and_values(parts[2]))
+    sent = int(replayer.buffer.filled[0])
+    sender, tick, arrival = (getattr(replayer.buffer, name)[:sent] for name in ("sender", "tick", "arrivals"))
     to_others = sender[:, None] != np.arange(arrival.shape[1])
     return SimpleNamespace(sender=sender, tick=tick, arrival_tick=arrival, to_others=to_others)
 

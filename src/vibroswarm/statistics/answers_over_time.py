@@ -60,8 +60,6 @@ if TYPE_CHECKING:
 AGREEMENTS: Final[dict[str, Any]] = {"run": pl.UInt32, "holds": pl.Boolean}
 """Columns of the table of agreements, one row for each run in which all robots decided alike: whether their opinions
 still agree with it at the end of the run."""
-NO_AGREEMENTS: Final = pl.DataFrame(schema=AGREEMENTS)
-"""Of decisions that are final."""
 
 
 def may_change(scenario: Scenario) -> bool:
@@ -70,11 +68,6 @@ def may_change(scenario: Scenario) -> bool:
     A run that stops when all have decided ends with the agreement, so that nothing is known of what comes after it.
     """
     return scenario.strategy.entry.decides == "opinion" and scenario.run.stop == "t_end"
-
-
-def is_followed(scenario: Scenario) -> bool:
-    """Return whether a run has numbers about its answers over time: opinions may change, or the floor does."""
-    return may_change(scenario) or scenario.change.is_given
 
 
 def agreements_of(swarm: Swarm, runs: range) -> pl.DataFrame:
