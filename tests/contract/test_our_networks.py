@@ -13,8 +13,7 @@ from helpers.plain_reference import equals_plain
 from vibroswarm import networks
 from vibroswarm.core.rng import ALONE, NETWORK
 from vibroswarm.inference.deliveries import timeline_of
-from vibroswarm.inference.replay import advance, classes_and_values
-from vibroswarm.inference.replayer import replayer_of
+from vibroswarm.inference.replay import advance, classes_and_values, replayer_of
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.pose import pose
 from vibroswarm.networks import tree
