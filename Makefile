@@ -40,9 +40,7 @@ lint: $(VENV)/dev.done
 	$(BIN)/python tests/helpers/ratchet.py >/dev/null
 
 bench: $(VENV)/dev.done
-	$(BIN)/python benchmarks/stage_timing.py
-	$(BIN)/python benchmarks/stage_ratios.py
-	$(BIN)/python benchmarks/page_frame.py
+	$(BIN)/python benchmarks/speed.py
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

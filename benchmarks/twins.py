@@ -92,7 +92,7 @@ def begun(engine: type[KernelRun], scenario: Scenario, seed: int, run: int) -> K
 
 def rows_of(state: KernelRun) -> Rows:
     """All rows of a run."""
-    taken = Collected()
+    taken = Collected(state.scenario.run.control_period_ms)
     state.advance(state.scenario.ticks, taken.sink)
     ends = state.finish(taken.sink)
     return Rows(joined([state.record.samples[:0], *taken.samples]), ends)
