@@ -10,6 +10,7 @@ work, and the median of these ratios is compared with the one in ``stage_ratios.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 import time
@@ -25,7 +26,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from stage_timing import SEED, cpu_model, scenario_of
-from vibroswarm.cli.deliver import print_document, print_json
+from vibroswarm.cli.deliver import print_document
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import replay_to_end
 from vibroswarm.localisation.locate import locate
@@ -202,7 +203,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ratios = measure(tasks())
     rows = compared(ratios, recorded())
     if chosen.json:
-        print_json({"cpu": cpu_model(), "ratios": rows})
+        print(json.dumps({"cpu": cpu_model(), "ratios": rows}, indent=2))
     else:
         print_ratios(rows)
     if chosen.write:

@@ -9,6 +9,7 @@ by turn. CPU time is that of the whole process with all its threads.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import platform
@@ -24,7 +25,7 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
-from vibroswarm.cli.deliver import print_document, print_json, print_paragraph
+from vibroswarm.cli.deliver import print_document
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer, replay_to_end
 from vibroswarm.motion.motion_tables import Motion
@@ -282,7 +283,7 @@ def print_report(report: Report) -> None:
     packages = ", ".join(f"{name} {versions[name]}" for name in ("python", "numpy", "numba", "polars"))
     print(f"vibroswarm {versions['vibroswarm']} (code {versions['code']}), {packages}")
     print(f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}")
-    print_paragraph(report.how)
+    print(report.how)
     for _, group in groupby(
         report.figures, key=lambda figure: (figure.robots, figure.side_m, figure.yardstick is None)
     ):
@@ -349,7 +350,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     report = measure(chosen.robots, chosen.runs)
     if chosen.json:
-        print_json(report.as_dict())
+        print(json.dumps(report.as_dict(), indent=2))
     else:
         print_report(report)
     return 0

@@ -9,7 +9,7 @@ from typing import Annotated
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document, print_saved_file
 from vibroswarm.cli.option_values import refuse
-from vibroswarm.cli.options import Force, Json, TomlFile
+from vibroswarm.cli.options import Force, Json, OutFile
 from vibroswarm.cli.progress import progress_bar
 from vibroswarm.cli.scenario_options import scenario_named
 from vibroswarm.cli.terminal import say
@@ -135,7 +135,7 @@ CANDIDATES = 4000
 
 def fit(
     *folders: Recordings,
-    out: TomlFile = None,
+    out: OutFile = None,
     force: Force = False,
     base: Annotated[str, Option("preset or scenario file with the robots' settings")] = "paper-empirical",
     settings: Annotated[

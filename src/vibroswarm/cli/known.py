@@ -1,32 +1,44 @@
-"""Lists of what a scenario may name: strategies, networks, tasks, sources of motion, sensors, presets."""
+"""``vibroswarm list``: what a scenario may name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Annotated, Final
 
+from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import Json
+from vibroswarm.errors import check_choice
+
+KINDS: Final = {
+    "strategies": "strategy",
+    "networks": "network",
+    "sensors": "sensor",
+    "motions": "motion",
+    "tasks": "task",
+    "presets": "preset",
+}
+"""Kinds of names, with the singular."""
 
 
-def _listing(kind: str, words: str) -> Callable[..., None]:
-    """Return the command that lists a kind; ``words`` are its help."""
+def known(
+    kind: Annotated[str, Option("strategies, networks, sensors, motions, tasks, presets or floors", "KIND")],
+    /,
+    *,
+    json: Json = False,
+) -> None:
+    """List what a scenario may name: strategies, networks, sensors, sources of motion, tasks, presets or floors.
 
-    def command(*, json: Json = False) -> None:
+    example:
+      vibroswarm list strategies
+    """
+    check_choice(kind, "KIND", [*KINDS, "floors"])
+    if kind == "floors":
+        from vibroswarm.documents.floor import floors_document
+        from vibroswarm.floors.difficulty import measure
+        from vibroswarm.floors.source import NAMES, pattern
+
+        print_document(floors_document({name: measure(pattern(name)) for name in NAMES}), as_json=json)
+    else:
         from vibroswarm.documents.known import known_document
 
-        print_document(known_document(kind), as_json=json)
-
-    command.__doc__ = words
-    return command
-
-
-strategies = _listing(
-    "strategy", "List the strategies: what robots remember, send and decide. More in docs/strategies.md."
-)
-networks = _listing(
-    "network", "List the networks: which messages arrive, and when. More in docs/networks.md."
-)
-tasks = _listing("task", "List the tasks: what is asked of the swarm.")
-motions = _listing("motion", "List the sources of motion: where and when robots sample.")
-sensors = _listing("sensor", "List the sensors: what a sample measures. More in docs/scenario.md.")
-presets = _listing("preset", "List the presets: scenarios by name.")
+        print_document(known_document(KINDS[kind]), as_json=json)

@@ -1,4 +1,4 @@
-"""The documents of floors: one with its picture in text, measures of several, and the paper's table of difficulties."""
+"""The documents of floors: one with its picture in text, and measures of several."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from vibroswarm.show.document import Column, Document, Figure, Table, Text, if_a
 
 if TYPE_CHECKING:  # their imports take long
     from vibroswarm.floors.design import FloorDesign
-    from vibroswarm.paper.difficulty_table import Entry
     from vibroswarm.plots.picture import Picture
 
 MEASURES: Final = {
@@ -108,33 +107,6 @@ def design_document(design: FloorDesign, target: Mapping[str, float | None], dra
         answer=(words,),
         parts=(Text(drawing, "code"), _picture(design.tiles, words)),
         data={"asked": asked, "floors": made, "tiles": pl.DataFrame({"row": rows_of(design.tiles)})},
-    )
-
-
-def paper_floors_document(entries: Sequence[Entry]) -> Document:
-    """Return the paper's table of difficulties beside what its program computed, and what is right."""
-    frame = pl.DataFrame([asdict(entry) | {"wrong": entry.wrong} for entry in entries])
-    wrong = sum(entry.wrong for entry in entries)
-    columns = {
-        "printed": Column(decimals=2),
-        "as_the_paper": Column("recomputed", decimals=4),
-        "right": Column(decimals=4),
-        "differs": Column("printed number", tones={"differs": "bad"}),
-    }
-    with_words = frame.with_columns(
-        differs=pl.when("wrong").then(pl.lit("differs")).otherwise(pl.lit("right"))
-    )
-    return Document(
-        title="The paper's table of difficulties",
-        answer=(f"{wrong} of {count(len(entries), 'printed number')} differ from the right ones.",),
-        parts=(
-            Table(with_words.drop("wrong"), columns, name="difficulty", names=2),
-            Text(
-                "'recomputed': as in the paper, with 48 vibrating tiles for every entropy, and with the floor "
-                "alternating:paper-0.46, which has 48 of them, in place of alternating:0.46."
-            ),
-        ),
-        data={"difficulty": frame},
     )
 
 
