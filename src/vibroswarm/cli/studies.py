@@ -80,31 +80,32 @@ def evaluate(
         **keywords_of(scenario),
     )
     pairs_of(wanted.cells, reference)  # refuses an unknown reference
-    objective = _objective_of(cost)
+    objective = None if cost is None else _objective_of(cost)
     done = run_parts(wanted, execution, output, "evaluate")
     if done is None:
         return
     outcome = outcome_of(done, reference)
-    if objective is None:
-        deliver(outcome, output, outcome.tables)
-    else:
-        deliver(_scored(done, objective, execution, outcome), output, outcome.tables)
+    result, tables = outcome, outcome.tables
+    if objective is not None:
+        result, scores = _scored(done, objective, execution, outcome)
+        tables = {**tables, "scores": scores}
+    deliver(result, output, tables)
 
 
-def _objective_of(cost: str | None) -> Any:
+def _objective_of(cost: str) -> Any:
     from vibroswarm.search.objective import Objective
 
-    return None if cost is None else Objective(cost)
+    return Objective(cost)
 
 
-def _scored(runs: Runs, objective: Any, execution: Parts, outcome: Any) -> Any:
+def _scored(runs: Runs, objective: Any, execution: Parts, outcome: Any) -> tuple[Any, Any]:
     from vibroswarm.cli.old_documents import document_of
     from vibroswarm.documents.cell_scores import with_scores
     from vibroswarm.search.cell_scores import scores_of, with_fresh_runs
 
     with STAGES.runs("scoring on fresh runs") as progress:
         scores = with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
-    return with_scores(document_of(outcome), scores)
+    return with_scores(document_of(outcome), scores), scores.table
 
 
 def run_parts(study: Study, execution: Parts, output: Paged, command: str) -> Runs | None:
@@ -145,4 +146,4 @@ def print_plan(*studies: Study) -> None:
     say_compiling()
     for study in studies:
         each = f"{study.runs:,} runs each" if study.runs else "runs until a precision"
-        report(f"{len(study.cells):,} cell(s), {each}, seed {study.seed}")
+        report(f"{len(study.cells):,} cells, {each}, seed {study.seed}")
