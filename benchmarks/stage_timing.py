@@ -25,14 +25,15 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli import deliver
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer, replay_to_end
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.source import moved as motion_of
 from vibroswarm.observation.observe import observe
+from vibroswarm.report import report
+from vibroswarm.report.report import Table
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.show.document import Column, Document, Table
 from vibroswarm.simulation import floors_of, versions
 
 PRESET = "paper-empirical"
@@ -304,20 +305,19 @@ def print_figures(figures: list[Figure]) -> None:
         {
             "work": figure.work,
             "simulated s": figure.simulated_s,
-            "ms per run": figure.median_ms,
-            "least": min(figure.times_ms),
-            "most": max(figure.times_ms),
+            "run_ms": figure.median_ms,
+            "run_ms_low": min(figure.times_ms),
+            "run_ms_high": max(figure.times_ms),
             "s per CPU s": figure.speed,
             "us per robot-s": figure.robot_second_us,
             "x fixed-step": figure.yardstick,
         }
         for figure in figures
     ]
-    columns = {"work": Column(" "), "ms per run": Column(limits=("least", "most"))}
     frame = pl.DataFrame(rows, infer_schema_length=None)
     words = f"{'motion' if is_motion else 'stages'}, {robots} in {first.side_m:g} m x {first.side_m:g} m"
-    table = Table(frame if is_motion else frame.drop("x fixed-step"), columns, name="figures")
-    print_document(Document("Figures", (words,), parts=(table,)))
+    table = Table(frame if is_motion else frame.drop("x fixed-step"))
+    deliver.print_report(report.Report("Figures", (words,), {"figures": table}))
 
 
 def count_of(text: str, most: int) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.deliver import print_report
 from vibroswarm.cli.options import Json
 from vibroswarm.errors import InputError, nearest
 
@@ -30,14 +30,20 @@ def check(
       vibroswarm check soft
       vibroswarm check event
     """
-    from vibroswarm.documents.check import check_document
+    import polars as pl
+
+    from vibroswarm.report.report import Report, Table
     from vibroswarm.testing import CHECKS
 
     kind_found, known_name = _kind_and_name(kind, name)
-    results = CHECKS[kind_found](known_name)
-    rows = [(result.what, result.holds, result.is_warning, result.why) for result in results]
-    print_document(check_document(known_name, rows), as_json=json)
-    return int(any(not result.holds and not result.is_warning for result in results))
+    findings = CHECKS[kind_found](known_name)
+    states = ["ok" if one.holds else "note" if one.is_warning else "FAIL" for one in findings]
+    checks = [f"{one.what}: {one.why}" if one.why else one.what for one in findings]
+    frame = pl.DataFrame({"state": states, "check": checks})
+    verdict = "fails" if "FAIL" in states else "passes"
+    answer = f"'{known_name}' {verdict}: {states.count('ok')} of {len(states)} checks hold."
+    print_report(Report(f"Checks of {known_name}", (answer,), {"checks": Table(frame)}), as_json=json)
+    return int("FAIL" in states)
 
 
 def _kind_and_name(kind: str | None, text: str) -> tuple[str, str]:

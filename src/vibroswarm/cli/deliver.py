@@ -1,7 +1,8 @@
-"""Where a result goes: to the terminal or as JSON to stdout, and into the folder of ``--out``."""
+"""Where a result goes: its report to the terminal, or as JSON to stdout, and into the folder of ``--out``."""
 
 from __future__ import annotations
 
+import json
 import webbrowser
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -21,40 +22,48 @@ def deliver(
     tables: Mapping[str, DataFrame] | None = None,
     also: Callable[[Path], object] | None = None,
     page: str = REPORT,
+    **options: Any,
 ) -> None:
     """Print the report of a result; save it and tables in the folder of ``--out``, which is claimed already.
 
     Args:
-        tables: by name; they become CSV and Parquet. also: writes further files into the folder.
-        page: name of a page that is there already, in the place of the report's.
+        tables: by name, besides those of the report; they become CSV and Parquet. also: writes further files.
+        page: name of a page that is there already, in the place of the report's. options: of ``report``.
     """
-    document = old_documents.document_of(result)
-    print_document(document, as_json=output.json)
+    from vibroswarm.report.save import save, save_pictures, save_table
+
+    report = old_documents.report_of(result, **options)
+    print_report(report, as_json=output.json)
     if output.out is None:
         terminal.report("Not saved; add --out DIR to save tables, the data behind them, and a page")
         return
     for name, table in (tables or {}).items():
-        write_table(table, output.out / name)
+        save_table(table, output.out / name)
     if also is not None:
         also(output.out)
-    old_documents.save(document, output, page)
+    if old_documents.is_old(report):
+        old_documents.save(report, output, page)
+    else:
+        save(report, output.out, page=page == REPORT and not getattr(output, "no_pictures", False))
+        if getattr(output, "pictures", False):
+            save_pictures(report, output.out)
     terminal.report(f"Saved in {output.out}; page: {page}")
     if output.open:
         webbrowser.open((output.out / page).absolute().as_uri())
 
 
-def write_table(table: DataFrame, path: Path) -> None:
-    """Write a table as CSV and Parquet."""
-    from vibroswarm.core.atomic_io import write_file
-    from vibroswarm.core.tables import csv_bytes, parquet_bytes
-
-    write_file(path.with_suffix(".csv"), csv_bytes(table))
-    write_file(path.with_suffix(".parquet"), parquet_bytes(table))
-
-
-def print_document(result: Any, *, as_json: bool = False) -> None:
+def print_report(result: object, *, as_json: bool = False, **options: Any) -> None:
     """Print the report of a result as wide as the terminal, or as JSON."""
-    old_documents.show(old_documents.document_of(result), as_json)
+    from vibroswarm.report.save import data
+    from vibroswarm.report.terminal import show
+
+    report = old_documents.report_of(result, **options)
+    if old_documents.is_old(report):
+        old_documents.show(report, as_json)
+    elif as_json:
+        print(json.dumps(data(report), indent=1))
+    else:
+        show(report, terminal.console())
 
 
 def print_saved_file(path: Path | None, note: str = "", *, as_json: bool = False) -> None:

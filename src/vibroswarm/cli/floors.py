@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli import terminal
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document, print_saved_file
+from vibroswarm.cli.deliver import print_report, print_saved_file
 from vibroswarm.cli.option_values import share
 from vibroswarm.cli.options import Force, Json, OutFile
 from vibroswarm.errors import named
@@ -16,7 +17,9 @@ if TYPE_CHECKING:  # imported when needed: --help stays fast
     import numpy as np
     from numpy.typing import NDArray
 
+    from vibroswarm.floors.difficulty import Difficulty
     from vibroswarm.floors.floor import Floor
+    from vibroswarm.report.report import Report
 
 FLOOR = Option("pattern (diagonal:0.48), random:0.48, or file (text, CSV, coordinates, PNG, JPEG)", "FLOOR")
 Seed = Annotated[int, Option("another seed makes another random floor")]
@@ -38,14 +41,15 @@ def show(
     force: Force = False,
 ) -> None:
     """Draw a floor in the terminal or to a file (.png, .svg or .pdf)."""
-    from vibroswarm.documents.floor import floor_document
+    from vibroswarm.floors.difficulty import measure_floor
 
     drawn = _floor(floor, tiles, image_threshold, seed)
     if out is not None:
         from vibroswarm.plots.run import draw_floor
 
         draw_floor(out, drawn.drawn_tiles, drawn.name, replace=force)
-    print_document(floor_document(drawn, in_terminal(drawn.drawn_tiles)))
+    print(in_terminal(drawn.drawn_tiles))
+    print_report(report_of({drawn.name: measure_floor(drawn)}))
     print_saved_file(out)
 
 
@@ -57,11 +61,10 @@ def measure(
     json: Json = False,
 ) -> None:
     """Measure fill ratio, Moran index, entropy and clusters."""
-    from vibroswarm.documents.floor import floors_document
     from vibroswarm.floors.difficulty import measure_floor
 
     measured = {floor: measure_floor(_floor(floor, tiles, image_threshold, seed)) for floor in floors}
-    print_document(floors_document(measured), as_json=json)
+    print_report(report_of(measured), as_json=json)
 
 
 def make(
@@ -79,7 +82,6 @@ def make(
 
     The exit code is 0 if one is found; 1 if not, and then the nearest one is given.
     """
-    from vibroswarm.documents.floor import design_document
     from vibroswarm.floors.design import make_floor
     from vibroswarm.floors.io import parse_tiles, write_tiles
 
@@ -87,10 +89,23 @@ def make(
     design = make_floor(rows, columns, fill_ratio, moran, entropy, seed)
     if out is not None:
         write_tiles(out, design.tiles, replace=force)
-    target = {"fill_ratio": fill_ratio, "moran_index": moran, "entropy": entropy}
-    print_document(design_document(design, target, in_terminal(design.tiles)), as_json=json)
+    if not json:
+        print(in_terminal(design.tiles))
+    answer = "" if design.reached else "Not found; this is the nearest."
+    print_report(report_of({"made": design.difficulty}, answer), as_json=json)
     print_saved_file(out, as_json=json)
     return 0 if design.reached else 1
+
+
+def report_of(measured: Mapping[str, Difficulty], *answer: str) -> Report:
+    """Return the measures of floors by name."""
+    import polars as pl
+
+    from vibroswarm.report.report import Report, Table
+
+    rows = [{"floor": name, **asdict(difficulty)} for name, difficulty in measured.items()]
+    frame = pl.DataFrame(rows, schema_overrides={"moran_index": pl.Float64, "entropy": pl.Float64})
+    return Report("Floors", answer, {"floors": Table(frame)})
 
 
 def in_terminal(tiles: NDArray[np.uint8]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.deliver import print_report
 from vibroswarm.cli.options import Json
 from vibroswarm.errors import check_choice
 
@@ -33,12 +33,28 @@ def known(
     """
     check_choice(kind, "KIND", [*KINDS, "floors"])
     if kind == "floors":
-        from vibroswarm.documents.floor import floors_document
+        from vibroswarm.cli.floors import report_of
         from vibroswarm.floors.difficulty import measure
         from vibroswarm.floors.source import NAMES, pattern
 
-        print_document(floors_document({name: measure(pattern(name)) for name in NAMES}), as_json=json)
+        print_report(report_of({name: measure(pattern(name)) for name in NAMES}), as_json=json)
     else:
-        from vibroswarm.documents.known import known_document
+        import polars as pl
 
-        print_document(known_document(KINDS[kind]), as_json=json)
+        from vibroswarm.report.report import Report, Table
+
+        abouts = _abouts(KINDS[kind])
+        frame = pl.DataFrame({"name": list(abouts), "about": list(abouts.values())})
+        print_report(Report(kind.capitalize(), (), {kind: Table(frame)}), as_json=json)
+
+
+def _abouts(kind: str) -> dict[str, str]:
+    """Return one line about each of a kind, those of installed packages included."""
+    import vibroswarm.simulation  # noqa: F401  (registers the engines)
+    from vibroswarm.scenario import plugins
+    from vibroswarm.scenario.presets import describe, preset_names
+
+    if kind == "preset":
+        return {name: describe(name) for name in preset_names()}
+    plugins.load_installed(kind)
+    return {name: one.about for name, one in plugins.KINDS[kind].known().items()}

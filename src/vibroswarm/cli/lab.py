@@ -9,7 +9,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver, print_document, print_saved_file
+from vibroswarm.cli.deliver import deliver, print_report, print_saved_file
 from vibroswarm.cli.inspection import size
 from vibroswarm.cli.option_values import pair_of, refuse
 from vibroswarm.cli.options import Drawn, Force, Json, OutFile, Required, ScenarioOptions
@@ -179,7 +179,7 @@ def replay(
     changed = replayed_settings(settings, gate)
     scenario = scenario.with_values(changed)
     replays = replay_strategies(recording, scenario, strategy, draws, seed)
-    print_document(replace(replays, warnings=warnings), as_json=json)
+    print_report(replace(replays, warnings=warnings), as_json=json)
 
 
 def threshold(
@@ -233,7 +233,7 @@ def threshold(
         found = replace(found, law=law_table(fitted))
     if out is not None:
         write_file(out, scenario.to_toml(), replace=force)
-    print_document(found, as_json=json)
+    print_report(found, as_json=json)
     print_saved_file(out, f"sensor.rms_threshold = {written}: {found.chosen.rule}", as_json=json)
     print_saved_file(
         law,

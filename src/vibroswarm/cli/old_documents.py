@@ -4,23 +4,33 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vibroswarm.cli import terminal
 from vibroswarm.core.folders import PICTURES, REPORT
 
-if TYPE_CHECKING:
+
+def report_of(result: Any, **options: Any) -> Any:
+    """Return the report of a result, or its document."""
+    from vibroswarm import documents
+    from vibroswarm.report.report import report
+
+    if is_old(result):
+        return result
+    try:
+        return report(result, **options)
+    except (ModuleNotFoundError, TypeError):
+        return documents.document_of(result)
+
+
+def is_old(report: Any) -> bool:
+    """Return whether a report is a document."""
     from vibroswarm.show.document import Document
 
-
-def document_of(result: Any) -> Document:
-    """Return the document of a result."""
-    from vibroswarm import documents
-
-    return documents.document_of(result)
+    return isinstance(report, Document)
 
 
-def show(document: Document, as_json: bool) -> None:
+def show(document: Any, as_json: bool) -> None:
     """Print a document."""
     if as_json:
         from vibroswarm.show.data import document_data
@@ -33,7 +43,7 @@ def show(document: Document, as_json: bool) -> None:
     sys.stdout.flush()
 
 
-def save(document: Document, output: Any, page: str) -> None:
+def save(document: Any, output: Any, page: str) -> None:
     """Write the page of a document, unless there is another, and pictures."""
     from vibroswarm.documents.saved import save as save_document
     from vibroswarm.show.document import without_pictures

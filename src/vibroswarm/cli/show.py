@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Final
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.deliver import print_report
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Json
 
@@ -34,7 +34,7 @@ def show(
 
     documents = shown_folder(path).documents if path.is_dir() else (file_document(path, in_terminal),)
     for document in documents[-1:] if json else documents:
-        print_document(document, as_json=json)
+        print_report(document, as_json=json)
     if open:
         pages = [path / name for name in PAGES if (path / name).is_file()]
         refuse(not pages, str(path), "has no page to open")

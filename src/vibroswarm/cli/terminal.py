@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import shutil
 import sys
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from vibroswarm.cli.options import Common
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 LEAST: Final = 40
 """A narrower terminal is treated as if it had this width."""
@@ -19,6 +22,13 @@ printing = Common()
 def width() -> int:
     """Return the width to print in: that of the variable COLUMNS or of the terminal."""
     return max(shutil.get_terminal_size((ELSEWHERE, 24)).columns, LEAST)
+
+
+def console() -> Console:
+    """Return stdout as rich prints to it."""
+    from rich.console import Console
+
+    return Console(width=width(), highlight=False)
 
 
 def plain(text: str) -> str:
