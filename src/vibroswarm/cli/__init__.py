@@ -10,7 +10,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from typing import Final
 
 from vibroswarm.errors import InputError, RunError
@@ -65,7 +65,7 @@ def _command(words: Sequence[str]) -> int:
     command, rest = commands.command_in(words)
     values = vars(command.parser().parse_args(rest))
     terminal.printing = group_of(Common, values)
-    trust = nullcontext()
+    trust: AbstractContextManager[None] = nullcontext()
     if terminal.printing.trust:
         from vibroswarm.scenario import plugins
 
