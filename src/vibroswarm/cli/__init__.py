@@ -8,7 +8,6 @@ from __future__ import annotations
 import gc
 import os
 import sys
-import traceback
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Final
@@ -81,6 +80,8 @@ def _failed(message: str, code: int) -> int:
     from vibroswarm.cli import terminal
 
     if terminal.printing.verbose:
+        import traceback
+
         traceback.print_exc()
     terminal.say(f"vibroswarm: {message}")
     return code

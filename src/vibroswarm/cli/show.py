@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 from typing import Annotated, Final
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_report
+from vibroswarm.cli.deliver import open_page, print_report
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Json
 
@@ -38,4 +37,4 @@ def show(
     if open:
         pages = [path / name for name in PAGES if (path / name).is_file()]
         refuse(not pages, str(path), "has no page to open")
-        webbrowser.open(pages[0].absolute().as_uri())
+        open_page(pages[0])
