@@ -209,13 +209,13 @@ def inspect(
         deliver(_plan_document(planned, damage, scenario, seed), output)
         return
     found = _inspected(source, evidence, damage, scenario, seed)
-    has_certificate = found.assessment is not None
-    certificate = (lambda folder: write_certificate(folder / CERTIFICATE, found)) if has_certificate else None
+    if output.out is not None and found.assessment is not None:
+        write_certificate(output.out / CERTIFICATE, found)
     tables = {
         "samples": found.samples.frame, "map": found.maps, "raster": found.rasters, "scores": found.scores,
     }  # fmt: skip
     written = {name: table for name, table in tables.items() if not table.is_empty()}
-    deliver(found, output, written, certificate)
+    deliver(found, output, written)
 
 
 def _refuse_unread(planned: Planned, scenario: ScenarioOptions, *inspected: Evidence | Damage) -> None:

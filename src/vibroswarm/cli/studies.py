@@ -87,11 +87,8 @@ def evaluate(
     if done is None:
         return
     outcome = outcome_of(done, reference)
-    result, tables = outcome, outcome.tables
-    if objective is not None:
-        result, scores = _scored(done, objective, execution, outcome)
-        tables = {**tables, "scores": scores}
-    deliver(result, output, tables)
+    result = outcome if objective is None else _scored(done, objective, execution, outcome)
+    deliver(result, output, outcome.tables)
 
 
 def _objective_of(cost: str) -> Any:
@@ -100,14 +97,14 @@ def _objective_of(cost: str) -> Any:
     return Objective(cost)
 
 
-def _scored(runs: Runs, objective: Any, execution: Parts, outcome: Any) -> tuple[Any, Any]:
-    from vibroswarm.documents import document_of
-    from vibroswarm.documents.cell_scores import with_scores
+def _scored(runs: Runs, objective: Any, execution: Parts, outcome: Any) -> Any:
+    from vibroswarm.report.cell_scores import with_scores
+    from vibroswarm.report.report import report as report_of
     from vibroswarm.search.cell_scores import scores_of, with_fresh_runs
 
     with STAGES.runs("scoring on fresh runs") as progress:
         scores = with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
-    return with_scores(document_of(outcome), scores), scores.table
+    return with_scores(report_of(outcome), scores)
 
 
 @dataclass(kw_only=True)
