@@ -87,11 +87,8 @@ def evaluate(
     if done is None:
         return
     outcome = outcome_of(done, reference)
-    result, tables = outcome, outcome.tables
-    if objective is not None:
-        result, scores = _scored(done, objective, execution, outcome)
-        tables = {**tables, "scores": scores}
-    deliver(result, output, tables)
+    scores = None if objective is None else _scored(done, objective, execution)
+    deliver(outcome, output, scores=scores)
 
 
 def _objective_of(cost: str) -> Any:
@@ -100,14 +97,11 @@ def _objective_of(cost: str) -> Any:
     return Objective(cost)
 
 
-def _scored(runs: Runs, objective: Any, execution: Parts, outcome: Any) -> tuple[Any, Any]:
-    from vibroswarm.documents import document_of
-    from vibroswarm.documents.cell_scores import with_scores
+def _scored(runs: Runs, objective: Any, execution: Parts) -> Any:
     from vibroswarm.search.cell_scores import scores_of, with_fresh_runs
 
     with STAGES.runs("scoring on fresh runs") as progress:
-        scores = with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
-    return with_scores(document_of(outcome), scores), scores.table
+        return with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
 
 
 @dataclass(kw_only=True)
@@ -174,7 +168,7 @@ def detect(
     runs_done = run_parts(study, execution, output, "detect")
     if runs_done is not None:
         detection = detection_of(runs_done, error, false_alarms)
-        deliver(detection, output, detection.tables)
+        deliver(detection, output)
 
 
 def run_parts(study: Study, execution: Parts, output: Paged, command: str) -> Runs | None:
