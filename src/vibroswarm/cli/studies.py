@@ -87,8 +87,8 @@ def evaluate(
     if done is None:
         return
     outcome = outcome_of(done, reference)
-    result = outcome if objective is None else _scored(done, objective, execution, outcome)
-    deliver(result, output, outcome.tables)
+    scores = None if objective is None else _scored(done, objective, execution)
+    deliver(outcome, output, scores=scores)
 
 
 def _objective_of(cost: str) -> Any:
@@ -97,14 +97,11 @@ def _objective_of(cost: str) -> Any:
     return Objective(cost)
 
 
-def _scored(runs: Runs, objective: Any, execution: Parts, outcome: Any) -> Any:
-    from vibroswarm.report.cell_scores import with_scores
-    from vibroswarm.report.report import report as report_of
+def _scored(runs: Runs, objective: Any, execution: Parts) -> Any:
     from vibroswarm.search.cell_scores import scores_of, with_fresh_runs
 
     with STAGES.runs("scoring on fresh runs") as progress:
-        scores = with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
-    return with_scores(report_of(outcome), scores)
+        return with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
 
 
 @dataclass(kw_only=True)
@@ -171,7 +168,7 @@ def detect(
     runs_done = run_parts(study, execution, output, "detect")
     if runs_done is not None:
         detection = detection_of(runs_done, error, false_alarms)
-        deliver(detection, output, detection.tables)
+        deliver(detection, output)
 
 
 def run_parts(study: Study, execution: Parts, output: Paged, command: str) -> Runs | None:

@@ -8,11 +8,13 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.core.numbers import count, counts, listed, some, stated, stated_percent
+from vibroswarm.report.format import Value, format_of, write_value
 from vibroswarm.report.knowledge import known_beyond, setting, versions_by_name
 from vibroswarm.report.report import Report, Table, report
 from vibroswarm.report.study_answer import answer
 from vibroswarm.report.study_pictures import pictures
 from vibroswarm.scenario.fault_draws import fault_words
+from vibroswarm.search.cell_scores import CellScores
 from vibroswarm.statistics.answers_over_time import JUDGED
 from vibroswarm.statistics.figures import BY_COLUMN, ESTIMATES
 from vibroswarm.statistics.map_figures import MAPPED
@@ -47,10 +49,11 @@ def of_runs(runs: Runs, **options: Any) -> Report:
 
 
 @report.register
-def of_study(outcome: Outcome) -> Report:
-    """Return what a study says."""
+def of_study(outcome: Outcome, scores: CellScores | None = None) -> Report:
+    """Return what a study says, and the scores of its cells under a cost."""
     runs, names = outcome.runs, _figures(outcome)
     parts = {
+        **({} if scores is None else {"scores": _scores(scores)}),
         **dict(_outcome_tables(outcome, names)),
         **dict(pictures(outcome)),
         **dict(_folded_tables(outcome)),
@@ -59,7 +62,7 @@ def of_study(outcome: Outcome) -> Report:
     each_cell = " each" if len(outcome.cells) > 1 else ""
     return Report(
         title=runs.name or _title(outcome),
-        answer=answer(outcome),
+        answer=answer(outcome) if scores is None else (_best(scores), *answer(outcome)),
         parts=parts,
         setting=f"{setting(outcome.cells[0].cell.scenario, runs.varied)}; {each}{each_cell}, seed {runs.seed}",
         warnings=tuple(_warnings(outcome)),
@@ -71,11 +74,32 @@ def of_study(outcome: Outcome) -> Report:
     )
 
 
+def _best(scores: CellScores) -> str:
+    """Write which cell has the lowest score, what it is on fresh runs, and how many others tie."""
+    words, unit, fresh = scores.objective.words, scores.objective.unit, scores.fresh
+    again = "" if fresh is None else f", {write_value(Value(*fresh[:3]), unit)} on fresh runs"
+    ties = int(scores.table["best_group"].sum()) - 1
+    return f"Lowest {words}: {scores.best.name}{again}; {count(ties, 'other')} tie."
+
+
+def _scores(scores: CellScores) -> Table:
+    table, unit = scores.table, scores.objective.unit
+    shown = table.select("name", *table.columns[table.columns.index("score") :])
+    titles = {
+        "name": "cell",
+        "score": f"score{f', {unit}' if unit else ''}",
+        "best_group": "ties with the lowest",
+    }
+    titles["above_best"] = "above the lowest"
+    caption = "With 95 % intervals; those above the lowest hold together."
+    return Table(shown, "Scores", caption, titles)
+
+
 def _title(outcome: Outcome) -> str:
     names = [one.cell.name for one in outcome.cells]
     if len(names) <= MOST_NAMES:
         return listed(names)
-    fields = [field.rpartition(".")[2].replace("_", " ") for field in outcome.runs.varied]
+    fields = [format_of(field).title for field in outcome.runs.varied]
     return f"{count(len(names), 'cell')}: {listed(fields)}"
 
 

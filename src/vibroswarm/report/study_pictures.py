@@ -48,15 +48,17 @@ def pictures(outcome: Outcome) -> Iterator[tuple[str, Figure]]:
     known = {name for name in DRAWN if table[name].null_count() < table.height}
     if all(one.cell.scenario.task.asks_number for one in outcome.cells):
         known &= {"estimate_error"}
-    elif len(outcome.cells) <= MOST_CELLS:
-        yield "outcomes", Figure(partial(_outcomes, outcome), "Outcomes of the swarms")
+    else:
+        known -= {"estimate_error"}
+        if len(outcome.cells) <= MOST_CELLS:
+            yield "outcomes", Figure(partial(_outcomes, outcome), "Outcomes of the swarms")
     yield from _along_a_field(outcome, [name for name in DRAWN if name in known])
     yield from _over_two_fields(outcome, [name for name in MAPPED if name in known])
     if "swarm_right" in known:
         yield from _over_time(outcome)
         yield from _fronts(outcome)
     if outcome.runs.tables(outcome.cells[0].cell)[0]["samples"].max():
-        yield "samples", Figure(partial(_density, outcome), "Where the robots sampled")
+        yield "samples", Figure(partial(_density, outcome), "Where the robots sampled", folded=True)
 
 
 def numeric_fields(cells: Sequence[Cell]) -> dict[str, list[float]]:
