@@ -13,7 +13,7 @@ from pathlib import Path
 from vibroswarm import cli
 from vibroswarm.cli.command_line import add_group, help_of
 from vibroswarm.cli.commands import COMMANDS, COMMON, tasks_of
-from vibroswarm.cli.options import Pictures, ScenarioBase
+from vibroswarm.cli.options import Drawn, ScenarioOptions
 
 TARGET = Path(__file__).with_name("commands.md")
 HEAD = """\
@@ -22,15 +22,15 @@ HEAD = """\
 <!-- Made from the source by the build of the site. -->
 
 `vibroswarm COMMAND --help` prints the same. Options cannot be abbreviated; only `-h`, `-V`, `-q` and `-v` are short.
-Existing folders are never overwritten without `--force`; studies and searches are resumed.
+A folder of other results is never overwritten without `--force`; studies and searches are resumed.
 
 {codes}
 
-All commands have these options; `-q` and `-v` may also stand before the command.
+All commands have these options.
 """
 MANY = 3
 """An option that so many commands have with the same words is described once."""
-BUNDLES = {"Scenario options": ScenarioBase, "Picture options": Pictures}
+BUNDLES = {"Scenario options": ScenarioOptions, "Output options": Drawn}
 """Groups of options that commands have as a whole."""
 SHARED_HEAD = """\
 ## Options of many commands

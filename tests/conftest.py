@@ -140,14 +140,6 @@ def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A study's document has only its first figure: for tests of its words, tables and files."""
-    from helpers.study_pictures import keep_first_picture
-
-    keep_first_picture(monkeypatch)
-
-
-@pytest.fixture
 def one_focal_length(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cameras are fitted from one focal length in place of four, half of the time of tracking a few pictures."""
     monkeypatch.setattr("vibroswarm.tracking.camera.FOCAL_STARTS", (1.2,))
