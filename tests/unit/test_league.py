@@ -10,9 +10,9 @@ import pytest
 
 from helpers.commands import json_of
 from vibroswarm.league.entries import FILLS, PATTERNS, entries_of, floors_of, shipped_settings
-from vibroswarm.league.fronts import LEVELS
+from vibroswarm.league.fronts import GUESS, LEVELS, guess_level
 from vibroswarm.league.play import League, Standings, league_of, play
-from vibroswarm.league.standings import COMPARED, ENTRY, GUESS, guess_level
+from vibroswarm.league.standings import COMPARED, ENTRY
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known, strategy
 from vibroswarm.strategies.static_analysis import told

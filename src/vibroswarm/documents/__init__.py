@@ -16,7 +16,6 @@ DOCUMENTS: Final = {
     "vibroswarm.scenario.scenario.Scenario": "objects:scenario_document",
     "vibroswarm.study.runs.Runs": "objects:runs_document",
     "vibroswarm.inspection.inspection.Inspection": "inspection:inspection_document",
-    "vibroswarm.league.tuning.Tuned": "league:tune_document",
     "vibroswarm.calibrate.message_loss.LossFits": "calibration:message_loss_document",
     "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
     "vibroswarm.export.c_library.Exported": "export:export_document",

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final
 import polars as pl
 
 from vibroswarm.core.numbers import count, decimals_of, listed, number
-from vibroswarm.league.entries import AIM, Settings, tables_of
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Document, Table, Text, if_any
 
@@ -19,8 +18,6 @@ if TYPE_CHECKING:  # to show a scenario takes neither
 
 DIGITS: Final = 6
 """Significant digits of the numbers of a table whose meaning is not known."""
-NO_FIELDS: Final = "no fields set (as in the scenario, else the strategy's defaults)"
-"""Words for settings without a field."""
 MOST_CHARACTERS: Final = 200
 """Most characters of a value of a field."""
 
@@ -47,39 +44,6 @@ def study_file_document(study: Study, path: str) -> Document:
         parts=(Text(f"To run it: vibroswarm evaluate {shlex.quote(path)} --out DIR"),),
         made_by={"study": study.hash, "seed": str(study.seed), "cells": str(len(study.cells))},
         data={"varied": pl.DataFrame({"field": list(study.varied)}, schema={"field": pl.String})},
-    )
-
-
-def settings_document(comments: Sequence[str], settings: Settings) -> Document:
-    """Return settings of strategies, as ``league tune`` writes them.
-
-    Args:
-        comments: the file's first lines, which say how the settings were chosen. settings: fields by strategy.
-    """
-    tables = [(name, table) for name, given in settings.items() for table in tables_of(given)]
-    rows = [
-        {"strategy": name, AIM: table.get(AIM), "field": field, "value": _short(value)}
-        for name, table in tables
-        for field, value in table.items()
-        if field != AIM
-    ]
-    frame = pl.DataFrame(rows, infer_schema_length=None)
-    if rows and frame[AIM].is_null().all():
-        frame = frame.drop(AIM)
-    columns = {AIM: Column("forced error", share=True)}
-    without = [name for name, table in tables if not set(table) - {AIM}]
-    return Document(
-        title="Settings of strategies",
-        answer=(f"Settings of {count(len(settings), 'strategy', 'strategies')}: {listed(settings)}.",),
-        parts=(
-            Text(" ".join(comments).replace(AIM, "Forced error")),
-            *([Table(frame, columns, name="settings", names=1)] if rows else []),
-            Text(f"{NO_FIELDS.capitalize()}: {listed(without)}." if without else ""),
-        ),
-        data={
-            name: pl.DataFrame([dict(table) for table in tables_of(given)])
-            for name, given in settings.items()
-        },
     )
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import polars as pl
 
@@ -57,10 +56,9 @@ def file_document(path: Path, draw: Callable[[NDArray[np.uint8]], str]) -> Docum
 
 
 def _toml_document(path: Path) -> Document:
-    """Return what a TOML file describes: a search, a study, settings of strategies or a scenario.
+    """Return what a TOML file describes: a search, a study or a scenario.
 
-    A search and a study are detected by the names of their entries, settings by the form of their keys; any other file
-    is read as a scenario. Of a search or a study, it is a summary.
+    A search and a study are detected by the names of their entries; any other file is read as a scenario.
     """
     from vibroswarm.documents import file
 
@@ -75,22 +73,9 @@ def _toml_document(path: Path) -> Document:
         from vibroswarm.study.spec import Study
 
         return file.study_file_document(Study.read(path), str(path))
-    if _is_settings(tables):
-        comments = takewhile(lambda line: line.startswith("#"), text.splitlines())
-        return file.settings_document([line.lstrip("# ") for line in comments], tables)
     from vibroswarm.scenario.scenario import Scenario
 
     return file.scenario_file_document(Scenario.read(path), str(path))
-
-
-def _is_settings(tables: dict[str, Any]) -> bool:
-    """Return whether a file is one of ``league tune``: tables for each strategy, whose keys are names of fields."""
-    from vibroswarm.league.entries import AIM
-
-    several = [one for value in tables.values() for one in (value if isinstance(value, list) else [value])]
-    return bool(several) and all(
-        isinstance(table, dict) and all("." in field or field == AIM for field in table) for table in several
-    )
 
 
 def _is_floor(path: Path) -> bool:

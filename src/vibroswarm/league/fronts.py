@@ -27,13 +27,19 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.inference.outcomes import Array
+from vibroswarm.inference.outcomes import Array, costs_of
 from vibroswarm.league.standings import ENTRY, parts_of
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.intervals import columns_of, draw_limits, few_factor, plain
 from vibroswarm.statistics.paired import drawn_means, holm
 
 LEVELS: Final = (0.01, 0.02, 0.05, 0.10, 0.15, 0.20)
 """Forced errors at which strategies are compared."""
+GUESS: Final = 0.4
+"""Forced error from which an entry guesses. A swarm that tosses a coin in four runs of five, and is always right in the
+fifth, has this error; one that always tosses a coin has 1/2, which strategies that lean on the floor's few clues just
+undercut. Of k answers it is as large a part of the error of a guess, 1 - 1/k, or of its cost: that of the cheapest
+answer, given on all floors, where mistakes cost differently."""
 
 
 def front_table(units: pl.DataFrame, by: Sequence[str] = (), seed: int = 0) -> pl.DataFrame:
@@ -116,3 +122,10 @@ def _p_value(drawn: Array, runs: int) -> float:
     centre = draws[np.isfinite(draws)].mean()
     is_above = centre + few_factor(runs, 0.95) * (draws - centre) > 0.0
     return min(1.0, 2.0 * (1 + np.count_nonzero(~is_above)) / (1 + draws.size))
+
+
+def guess_level(scenario: Scenario) -> float:
+    """Return ``GUESS`` for the answers of a scenario's task, and for what its mistakes cost."""
+    costs = costs_of(scenario)
+    # Columns are answers: the mean cost of each if it is given whatever the floor, as often on the side of each truth.
+    return GUESS if costs is None else 2.0 * GUESS * float(costs.mean(axis=0).min())

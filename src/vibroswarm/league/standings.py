@@ -24,7 +24,6 @@ import polars as pl
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import check_choice
 from vibroswarm.inference.agents import strategy_used
-from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.figures import BY_COLUMN
@@ -40,11 +39,6 @@ COMPARED: Final = ("forced_error", "decision_time_s")
 """Figures that are compared with the reference."""
 ENTRY: Final = ("name", "strategy", "p_c", "O_c", "settings")
 """What names an entry in all tables."""
-GUESS: Final = 0.4
-"""Forced error from which an entry guesses. A swarm that tosses a coin in four runs of five, and is always right in the
-fifth, has this error; one that always tosses a coin has 1/2, which strategies that lean on the floor's few clues just
-undercut. Of k answers it is as large a part of the error of a guess, 1 - 1/k, or of its cost: that of the cheapest
-answer, given on all floors, where mistakes cost differently."""
 
 
 def cell_table(
@@ -149,10 +143,3 @@ def difference_table(units: pl.DataFrame, reference: str | None = None) -> pl.Da
             row = own.select(ENTRY).row(0, named=True) | {"reference": against, "figure": figure}
             rows.append(row | columns_of("difference", one.difference) | {"p_holm": p_holm})
     return pl.DataFrame(rows, infer_schema_length=None)
-
-
-def guess_level(scenario: Scenario) -> float:
-    """Return ``GUESS`` for the answers of a scenario's task, and for what its mistakes cost."""
-    costs = costs_of(scenario)
-    # Columns are answers: the mean cost of each if it is given whatever the floor, as often on the side of each truth.
-    return GUESS if costs is None else 2.0 * GUESS * float(costs.mean(axis=0).min())
