@@ -8,17 +8,17 @@ from typing import Annotated, Literal
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import deliver
 from vibroswarm.cli.option_values import share
-from vibroswarm.cli.options import Drawn, OneStrategy, Parts, ScenarioBase, Seed, SeveralSizes
-from vibroswarm.cli.scenario_options import warned, words_of
+from vibroswarm.cli.options import Drawn, Parts, Seed, SwarmOptions, Tiles
+from vibroswarm.cli.scenario_options import keywords_of
 from vibroswarm.cli.studies import run_parts
-from vibroswarm.cli.terminal import say
 from vibroswarm.errors import named
 
 
 @dataclass(kw_only=True)
-class Inspected(ScenarioBase, SeveralSizes, OneStrategy):
-    """A scenario with several numbers of robots, and its seed."""
+class Inspected(SwarmOptions):
+    """A scenario of random floors, and its seed."""
 
+    tiles: Tiles = None
     seed: Seed = 1
 
 
@@ -72,15 +72,10 @@ def detect(
     from vibroswarm.study.detection import detection_of, detection_study
     from vibroswarm.study.options import detection_scenario
 
-    base = warned(detection_scenario(more_than, boundary_of, **words_of(scenario)))
-    if scenario.floor is not None:
-        say(
-            "Warning: --floor: of it only the number of tiles is used; floors are random, with the shares of --fills."
-        )
-
+    base = detection_scenario(more_than, boundary_of, **keywords_of(scenario))
     with named("--fills", of="floor.source"):
         study = detection_study(base, scenario.robots, fills, runs, scenario.seed)
-    found = run_parts(study, execution, output)
-    if found is not None:  # only a shard of the runs was requested
-        detection = detection_of(found, error, false_alarms)
-        deliver(detection, output, "detect", detection.tables)
+    runs_done = run_parts(study, execution, output, "detect")
+    if runs_done is not None:
+        detection = detection_of(runs_done, error, false_alarms)
+        deliver(detection, output, detection.tables)

@@ -11,18 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from vibroswarm.cli import terminal
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_json, print_saved
-from vibroswarm.cli.options import Paged, ScenarioBase, SeveralSizes, SeveralStrategies, Where
+from vibroswarm.cli.deliver import deliver
+from vibroswarm.cli.options import Paged, SwarmOptions, Where
+from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import STAGES
-from vibroswarm.cli.scenario_options import warned, words_of
-from vibroswarm.cli.studies import claim_study, print_plan
-from vibroswarm.core.folders import REPORT
+from vibroswarm.cli.scenario_options import keywords_of, warned
+from vibroswarm.cli.studies import print_plan
 
 
 @dataclass(kw_only=True)
-class Players(ScenarioBase, SeveralSizes, SeveralStrategies):
+class Players(SwarmOptions):
     """Strategies, swarms and floors that play, and the scenario that they have in common."""
 
     seed: Annotated[int, Option("same scenario and seed: same result", "S", low=0, high=2**62)] = 1
@@ -90,25 +89,13 @@ def league(
       vibroswarm league --own-motion --runs 300 --out out/own-motion
       vibroswarm league --shares 0.4,0.36,0.24
     """
-    from rich.console import Console
-
     from vibroswarm.league.play import league_of, play
-    from vibroswarm.report.report import report
-    from vibroswarm.report.save import data, save
-    from vibroswarm.report.terminal import show
 
     floors = {name: getattr(scenario, name) for name in ("patterns", "fills", "shares")}
-    chosen = league_of(runs=runs, seed=scenario.seed, **vars(entries), **floors, **words_of(scenario))
+    chosen = league_of(runs=runs, seed=scenario.seed, **vars(entries), **floors, **keywords_of(scenario))
     warned(chosen.base)
-    claim_study(output, chosen.study)
+    claim(output, "league", chosen.study.hash)
     print_plan(chosen.study)
     with STAGES.runs("simulating") as progress:
         standings = play(chosen, output.out, by=by, reference=reference, progress=progress, **execution.where)
-    said = report(standings)
-    if output.out is not None:
-        save(said, output.out)
-    if output.json:
-        print_json(data(said))
-    else:
-        show(said, Console(file=terminal.results(), width=terminal.width()))
-        print_saved(output, REPORT)
+    deliver(standings, output)

@@ -1,4 +1,4 @@
-"""The documents of floors: one with its picture in text, measures of several, and the paper's table of difficulties."""
+"""The documents of floors: one with its picture in text, and measures of several."""
 
 from __future__ import annotations
 
@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import shown
 from vibroswarm.floors.difficulty import Difficulty, measure_floor
-from vibroswarm.floors.floor import Floor, rows_of
+from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.surfaces import Patch
 from vibroswarm.show.document import Column, Document, Figure, Table, Text, if_any
 
 if TYPE_CHECKING:  # their imports take long
-    from vibroswarm.floors.design import FloorDesign
-    from vibroswarm.paper.difficulty_table import Entry
     from vibroswarm.plots.picture import Picture
 
 MEASURES: Final = {
@@ -76,77 +74,9 @@ def _picture(tiles: NDArray[Any], caption: str) -> Figure:
     return Figure("floor", draw)
 
 
-def floors_document(found: Mapping[str, Difficulty], remark: str = "") -> Document:
-    """Return measures of several floors, by name.
-
-    Args:
-        remark: a sentence below the table; empty: none.
-    """
-    frame = _rows(found)
-    tiles = pl.format("{}x{}", "rows", "columns").alias("tiles")
-    table = Table(frame.select("floor", tiles, *MEASURES), MEASURES, name="floors")
-    return Document(
-        title="Floors",
-        answer=(f"{count(len(found), 'floor')}, {_range(found.values())}.",),
-        parts=(table, Text(remark)),
-        data={"floors": frame},
-    )
-
-
-def design_document(design: FloorDesign, target: Mapping[str, float | None], drawing: str) -> Document:
-    """Return a floor that was made to order.
-
-    Args:
-        target: the measures that were asked for, by name; None of one: any. drawing: of the tiles, in text.
-    """
-    asked = pl.DataFrame([dict(target)], schema=dict.fromkeys(target, pl.Float64))
-    made = _rows({"made": design.difficulty}).with_columns(reached=pl.lit(design.reached))
-    measures = _measures_in_words(design.difficulty)
-    words = f"{measures}." if design.reached else f"Not found; the nearest: {measures}."
-    return Document(
-        title="Floor made to order",
-        answer=(words,),
-        parts=(Text(drawing, "code"), _picture(design.tiles, words)),
-        data={"asked": asked, "floors": made, "tiles": pl.DataFrame({"row": rows_of(design.tiles)})},
-    )
-
-
-def paper_floors_document(entries: Sequence[Entry]) -> Document:
-    """Return the paper's table of difficulties beside what its program computed, and what is right."""
-    frame = pl.DataFrame([asdict(entry) | {"wrong": entry.wrong} for entry in entries])
-    wrong = sum(entry.wrong for entry in entries)
-    columns = {
-        "printed": Column(decimals=2),
-        "as_the_paper": Column("recomputed", decimals=4),
-        "right": Column(decimals=4),
-        "differs": Column("printed number", tones={"differs": "bad"}),
-    }
-    with_words = frame.with_columns(
-        differs=pl.when("wrong").then(pl.lit("differs")).otherwise(pl.lit("right"))
-    )
-    return Document(
-        title="The paper's table of difficulties",
-        answer=(f"{wrong} of {count(len(entries), 'printed number')} differ from the right ones.",),
-        parts=(
-            Table(with_words.drop("wrong"), columns, name="difficulty", names=2),
-            Text(
-                "'recomputed': as in the paper, with 48 vibrating tiles for every entropy, and with the floor "
-                "alternating:paper-0.46, which has 48 of them, in place of alternating:0.46."
-            ),
-        ),
-        data={"difficulty": frame},
-    )
-
-
 def _rows(found: Mapping[str, Difficulty]) -> pl.DataFrame:
     rows: list[dict[str, Any]] = [{"floor": name, **asdict(difficulty)} for name, difficulty in found.items()]
     return pl.DataFrame(rows, schema_overrides={"moran_index": pl.Float64, "entropy": pl.Float64})
-
-
-def _range(found: Any) -> str:
-    shares = [difficulty.fill_ratio for difficulty in found]
-    low, high = number(min(shares), digits=4), number(max(shares), digits=4)
-    return f"fill ratio {low}" if low == high else f"fill ratios {low} to {high}"
 
 
 def _measures_in_words(d: Difficulty) -> str:

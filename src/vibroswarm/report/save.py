@@ -49,9 +49,14 @@ def save(report: Report, folder: Path, *, page: bool = True) -> None:
         write_file(folder / REPORT, page_of(report))
     if not is_there:
         for name, table in report.tables.items():
-            write_file(folder / f"{name}.csv", csv_bytes(table.frame))
-            write_file(folder / f"{name}.parquet", parquet_bytes(table.frame))
+            save_table(table.frame, folder / name)
         write_file(path, text)
+
+
+def save_table(frame: pl.DataFrame, path: Path) -> None:
+    """Write a table as CSV and Parquet, beside each other."""
+    write_file(path.with_name(f"{path.name}.csv"), csv_bytes(frame))
+    write_file(path.with_name(f"{path.name}.parquet"), parquet_bytes(frame))
 
 
 def save_pictures(report: Report, folder: Path) -> None:
