@@ -14,8 +14,11 @@ from vibroswarm.league.fronts import GUESS, LEVELS, guess_level
 from vibroswarm.league.play import League, Standings, league_of, play
 from vibroswarm.league.standings import COMPARED, ENTRY
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.search.costs import COSTS
+from vibroswarm.search.outcomes import outcomes_of
 from vibroswarm.strategies import known, strategy
 from vibroswarm.strategies.static_analysis import told
+from vibroswarm.study.spec import Study
 
 GUESSES = '''"""Strategies that read nothing."""
 from vibroswarm.strategies import strategy_in, u
@@ -195,3 +198,11 @@ def test_what_a_robot_knows_is_as_documented() -> None:
     for name, text in stated.items():
         facts = [fact for fact in told(strategy(name), "tiles") if fact != "boundary"]
         assert (", ".join(facts) or "-") == text, name
+
+
+def test_searches_minimise_the_forced_error_that_tables_have() -> None:
+    scenario = preset("paper").with_values({"strategy.name": "soft", "run.t_end_s": 300.0})
+    (outcomes,) = outcomes_of([scenario], 3, range(12))
+    found = COSTS["forced_error"](outcomes)[:, 0]
+    assert found.any()
+    np.testing.assert_allclose(found, Study(scenario, runs=12, seed=3).run().frame["forced_error"])
