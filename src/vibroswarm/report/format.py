@@ -233,7 +233,8 @@ def _entries(values: Sequence[Value], signed: bool) -> list[Entry]:
                 4 + 92 * (each - least) / span for each in (value.low, value.middle, value.high, 0.0)
             )
             bar = Bar(left, middle, right, zero if signed else None)
-        limits = f"[{texts[1]}, {texts[2]}]" if value.has_limits else ""
+        is_open = math.isfinite(value.low) and math.isnan(value.high)
+        limits = f"[{texts[1]}, {texts[2]}]" if value.has_limits else f"[{texts[1]}, \u221e)" * is_open
         entries.append(Entry(texts[0], limits, "", bar, value.middle))
     return entries
 
