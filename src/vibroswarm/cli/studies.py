@@ -62,7 +62,7 @@ def evaluate(
       runs = 1000                       # or: until = "2%"
       [scenario]
       preset = "paper"                  # or: scenario = "file.toml"
-      [grid]                            # all combinations; also zip, list, sobol
+      [grid]                            # all combinations; also list
       "floor.source" = ["random:0.44", "random:0.48"]
       "strategy.name" = ["none", "positive", "soft"]
     """
