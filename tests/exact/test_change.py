@@ -13,10 +13,10 @@ import polars as pl
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
+from vibroswarm.documents.run import run_document
 
 from helpers.closed_loop import followed, reads_as_tables
 from vibroswarm import Scenario, preset, replay, simulate
-from vibroswarm.documents.run import run_document
 from vibroswarm.floors.changes import Changes, markov_changes
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import truth_on, truth_over_time

@@ -7,8 +7,8 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from vibroswarm.documents.detection import hardest
+
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.statistics.detection import detection_curve, needed, pairs
 from vibroswarm.statistics.fronts import pareto_front
