@@ -117,7 +117,7 @@ def track(
     from vibroswarm.documents.saved import save
     from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
-    from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes
+    from vibroswarm.recordings.read import CAMERA_LOG, camera_log_bytes
     from vibroswarm.study.scenario_words import stated_fields
     from vibroswarm.tracking import opencv
     from vibroswarm.tracking.track import with_positions, write_tables

@@ -13,7 +13,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.map_scores import map_scores
-from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import (
     InputError,
     check_choice,
@@ -40,7 +39,6 @@ from vibroswarm.inspection.scan import REPLICATES
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
 from vibroswarm.inspection.stopping import Question
 from vibroswarm.inspection.tile_map import any_but_still, kind_map, tile_map
-from vibroswarm.recordings.column_map import LARGEST_BYTES
 from vibroswarm.recordings.recording import Recording, read_result
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -335,7 +333,6 @@ def _of_csv(
     floor: Floor | tuple[int, int] | None, draws: int,
 ) -> Samples:  # fmt: skip
     """Return the samples of a CSV of places and values."""
-    check_plain(path, LARGEST_BYTES, "a CSV of places and values")
     if size_m is None:
         raise InputError(
             "a CSV needs the size of the surface (in Python: size_m=(width, height))", field="--size"

@@ -10,7 +10,7 @@ from a simulated result:
 * ``sample`` is the number of messages sent before, so a lost row leaves a gap. ``samples`` of a robot includes samples
   whose rows were lost.
 * If a log has no bits, they are computed from the energies with ``sensor.rms_threshold``.
-* Paths between tracked positions are straight (``log.segments_of``).
+* Paths between tracked positions are straight (``assemble_recording``).
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ ROWS: Final[dict[str, Any]] = {
     "stop_total_s": pl.Float64,
 }
 """One row per sample: the line of the log, the energy with all digits, the number of lost samples just before it, the
-time from the last tracked position to the sample (null if a log has no tracks), and the counters."""
+time from the last tracked position to the sample (null if a log has no tracks), and the counters. The energy is null
+in a log of bits."""
 
 
 PLACES: Final[dict[str, Any]] = {
@@ -55,7 +56,9 @@ PLACES: Final[dict[str, Any]] = {
 
 _EXTRA_TABLES: Final = {
     "rows": Schema(
-        ROWS, frozenset({"position_age_s", "avoid_total_s", "stop_total_s"}), ("run", "robot", "sample")
+        ROWS,
+        frozenset({"energy", "position_age_s", "avoid_total_s", "stop_total_s"}),
+        ("run", "robot", "sample"),
     ),
     "tracks": Schema(PLACES),
 }
@@ -77,11 +80,11 @@ class Recording(Result):
     names: tuple[int, ...] = ()
     """For robots 0, 1, ... their numbers in the logs."""
     sessions: tuple[Mapping[str, Any], ...] = ()
-    """For each run: name of the log, its reader, counters that wrap, and (``told``) the counts of ``log.COUNTED``."""
+    """For each run: name of the log, its reader, numbers of robots by name, and (``told``) what was counted."""
     stated: tuple[str, ...] = ()
     """Fields of the scenario stated by the user or by a log."""
     inferred: tuple[Mapping[str, Any], ...] = ()
-    """``inferred.Inferred`` as plain values."""
+    """``infer.Inferred`` as plain values."""
     floor_words: str = ""
     """Result of the test whether the floor fits the energies."""
 

@@ -10,24 +10,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import count, number, percent, stated
+from vibroswarm.core.read_tables import files_of, read_rows
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
-from vibroswarm.recordings.column_map import (
-    check_columns,
-    check_values,
-    has_timestamps,
-    numbers_of,
-    seconds_of,
-    table_of,
-    text_of,
-)
 from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
 from vibroswarm.tracking.camera import Camera, Lens, fit_camera, square_of
 from vibroswarm.tracking.marker_detection import Detections, detect
@@ -54,6 +46,8 @@ FLOOR_WANTED: Final = 3
 FASTEST_M_S: Final = 0.5
 """Fastest speed of a robot. A position that it could reach from the position before, and leave for the one after, only
 at a higher speed is a misread marker."""
+PLACES: Final = ("x_m", "y_m", "heading_rad")
+"""Columns of a robots' log that are not read, since the camera gives them."""
 FITTED: Final = 120
 """About how many detections of robots' markers a self-calibration is fitted to, spread over the video."""
 
@@ -314,22 +308,9 @@ def read_robot_log(path: Path) -> pl.DataFrame:
         InputError: the file cannot be read as CSV, a required column is missing, a cell is not a number or out of
             range, or a sample lacks robot or time_s.
     """
-    name = str(path)
-    lines, table = table_of(text_of(path), name)
-    # A use is a column of ``SAMPLES``; here the file's columns have the same names.
-    check_columns({use: use for use in ("robot", "time_s", "energy")}, table.columns, name)
-    columns: dict[str, Any] = {"line": lines}
-    for use in SAMPLES:
-        if use in ("line", "x_m", "y_m", "heading_rad") or use not in table.columns:
-            continue
-        read = seconds_of if use == "time_s" and has_timestamps(table[use]) else numbers_of
-        numbers = read(table[use], lines, name, column=use, missing=("", "nan", "NaN"))
-        check_values(numbers, lines, name, use=use, column=use)
-        columns[use] = numbers
-    found = log_frame(columns, SAMPLES).filter(pl.col("energy").is_not_null())
-    if found["robot"].null_count() or found["time_s"].null_count():
-        raise InputError("has a row without robot or time_s", field=name)
-    return found
+    schema = {use: one._replace(required=False) for use, one in SAMPLES.items() if use not in PLACES}
+    schema |= {use: SAMPLES[use]._replace(required=True) for use in ("robot", "time_s", "energy")}
+    return log_frame(read_rows(files_of(path), schema).rows)
 
 
 @dataclass(frozen=True)
@@ -402,8 +383,8 @@ def with_positions(
     log = Log(
         name=Path(name).name,
         reader="camera",
-        samples=log_frame(located.to_dict(), SAMPLES),
-        tracks=log_frame(tracks.sort("time_s", "robot").to_dict(), TRACKS),
+        samples=log_frame(located),
+        tracks=tracks.sort("time_s", "robot").select(TRACKS),
         counts={"rows": samples.height},
     )
     return TrackedLog(log, offset, outside=outside, unseen=unseen)
