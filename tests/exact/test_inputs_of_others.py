@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,10 @@ from vibroswarm.recordings.floor_fit import floor_fits, turned
 from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.spectrum import spectra_of
 from vibroswarm.robot.sensing import SenseProgram
+from vibroswarm.tracking.camera import fit_camera, outwards
+from vibroswarm.tracking.marker_detection import has_rim
+from vibroswarm.tracking.markers import corners_at, dictionary_of, usual_markers
+from vibroswarm.tracking.track import track
 
 Case = Callable[[Path], tuple[Any, Any]]
 """Write a file into a folder, and return what is read of it, and the right value."""
@@ -127,6 +132,54 @@ def bits(as_energies: bool, mirrored: bool) -> Case:
     return case
 
 
+def spare_print(folder: Path) -> tuple[Any, Any]:
+    """Share of frames in which a robot is found, and whether its places are right, beside a print that lies still."""
+    drawn, cv2 = pytest.importorskip("helpers.drawn_video"), pytest.importorskip("cv2")
+    frames = drawn.frames(60)
+    for k, frame in enumerate(frames):
+        drawn._paste(frame[..., 0], 0, 0.3, 0.5, 30)
+        if 20 < k < 30:  # somebody's hand
+            frame[280:350, 150:260] = 90
+        frame[..., 1] = frame[..., 2] = frame[..., 0]
+    drawn.write(folder / "spare.avi", frames)
+    found = track(folder / "spare.avi", replace(drawn.MARKERS, floor_size_m=0.05))
+    own = found.positions.filter(robot=0)
+    right = 0.2 + (own["time_s"] * drawn.RATE) / drawn.PX_PER_M
+    return own.height > 45, float((own["x_m"] - right).abs().max()) < 0.002 and cv2 is not None  # type: ignore[arg-type]
+
+
+def floor_without_rims(folder: Path) -> tuple[Any, Any]:
+    """Whether the stated error covers the true one, of a camera straight above: edges of the floor's markers shrink."""
+    cv2, markers = pytest.importorskip("cv2"), usual_markers(5, 1.0, 1.0)
+    matrix = np.array([[1100.0, 0.0, 639.5], [0.0, 1100.0, 479.5], [0.0, 0.0, 1.0]])
+
+    def seen(points_m: Any) -> Any:
+        turn, shift = np.array([np.pi, 0.0, 0.0]), np.array([-0.5, 0.5, 1.4])
+        return cv2.projectPoints(points_m.reshape(-1, 1, 3), turn, shift, matrix, np.zeros(5))[0].reshape(
+            -1, 4, 2
+        )
+
+    random = np.random.default_rng(4)
+    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
+    robots_m = np.stack([corners_at(*random.uniform(0.05, 0.95, 2), 1.0, 0.022, 0.03) for _ in range(60)])
+    floor_px, robots_px = seen(floor_m), seen(robots_m)
+    covered = []
+    for shift_px, rims in ((0.0, True), (-0.4, False), (0.4, False), (-0.4, True)):
+        moved_px = (floor_px + shift_px * outwards(floor_px)).reshape(-1, 2)
+        found = fit_camera((1280, 960), floor_m, moved_px, robots_px, 0.022, 0.03, have_rims=rims)
+        places = found.at_height(robots_px.mean(axis=1), 0.03) - robots_m[..., :2].mean(axis=1)
+        covered.append(bool(np.linalg.norm(places, axis=1).max() <= found.place_error_m))
+    picture = np.full((200, 200), 90, np.uint8)
+    picture[60:140, 60:140] = cv2.aruco.generateImageMarker(dictionary_of("4X4_50"), 7, 80)
+    rimmed = np.pad(picture[60:140, 60:140], 60, constant_values=235)
+    corners = np.array([[60, 60], [139, 60], [139, 139], [60, 139]], float)
+    return [covered, has_rim(picture, corners), has_rim(rimmed, corners)], [
+        [True, True, True, False],
+        False,
+        True,
+    ]
+
+
 CASES: dict[str, Case] = {
     "columns with our names": log(changed()),
     "semicolons, decimal commas": log(changed().replace(",", ";").replace(".", ",")),
@@ -134,7 +187,9 @@ CASES: dict[str, Case] = {
     "byte order mark": log("\ufeff" + changed()),
     "blanks and capitals": log(changed().replace("robot,time_s,x_m", " Robot , TIME S ,X m")),
     "units": log("robot,time_ms,x_mm,y_cm,energy\n3,500,250,12.5,1.5\n3,2500,500,25,\n4,2500,750,50,0.25\n"),
-    "units in parentheses": log("Robot,Time (µs),X (mm),Y [cm],Energy\n3,5e5,250,12.5,1.5\n3,25e5,500,25,\n4,25e5,750,50,.25\n"),
+    "units in parentheses": log(
+        "Robot,Time (µs),X (mm),Y [cm],Energy\n3,5e5,250,12.5,1.5\n3,25e5,500,25,\n4,25e5,750,50,.25\n"
+    ),
     "one robot": log("time_s,x_m,y_m,energy\n1,0.5,0.25,2\n", [(0, 1.0, 0.5, 0.25, 2.0)]),
     "robots with names": log(changed(robot=["r2", "r2", "r10"]), [(robot - 3, *rest) for robot, *rest in ROWS]),
     "a file for each robot": one_for_each_robot,
@@ -171,6 +226,8 @@ CASES: dict[str, Case] = {
     ),
     "energies with gravity": energies(shaken((0.0, 0.0, 2.0), rate_hz=350.0), 1.124),
     "energies without gravity": energies(shaken((0.0, 0.0, 2.0), 0.0, rate_hz=350.0), 1.124),
+    "spare print": spare_print,
+    "floor without rims": floor_without_rims,
     "bits": bits(as_energies=False, mirrored=False),
     "bits, mirrored": bits(as_energies=False, mirrored=True),
     "bits as energies": bits(as_energies=True, mirrored=False),

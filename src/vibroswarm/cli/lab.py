@@ -220,9 +220,9 @@ def threshold(
 ) -> None:
     """Recommend a threshold theta_E from recordings on a known floor, and say whether the floor is decidable with it.
 
-    It is that of equal error, or of the given costs; its errors stand beside those of the threshold in use. With several
-    sessions, each is also judged by the threshold of the others. The scenarios of --out and --law have the threshold of
-    --at, else that of --costs, else that of equal error.
+    It is that of equal error, or of the given costs; its errors stand beside those of the threshold in use. With
+    several sessions, each is also judged by the threshold of the others. The scenarios of --out and --law have the
+    threshold of --at, else that of --costs, else that of equal error.
 
     examples:
       vibroswarm lab threshold lab --costs 1:5

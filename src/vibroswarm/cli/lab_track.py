@@ -151,7 +151,7 @@ def track(
             recording.write_into(part)
             (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
         write_tables(part, tracking)
-        document = tracking_document(tracking, tracked, samples)
+        document = tracking_document(tracking, tracked)
         save(document, part, destination.command, destination.work, page=REVIEW)
     print_with_place(document, output, REVIEW)
 

@@ -3,7 +3,7 @@
 A file has the columns ``robot`` as in the log, ``time_s`` by the log's clock, and ``ax``, ``ay``, ``az``, or one of
 them, in the unit of the energies (or in m/s^2, if their names have a unit). A row is one reading of the accelerometer.
 The energy of a sample is computed from the last N readings of its robot up to the time of the sample, which must be
-evenly spaced at the rate of the sensing chain. N is the number of readings in the time that the chain takes for a sample.
+evenly spaced at the rate of the sensing chain. N is the number of readings in the time that the chain takes for one.
 
 The chain measures the magnitude, in which gravity makes vibration along it linear. Without gravity in the readings, as
 of phones, of ROS logs and of sensors that are AC-coupled, gravity is added to the axis that is shaken most.

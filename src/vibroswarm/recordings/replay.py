@@ -111,8 +111,7 @@ def _sessions(recording: Recording, scenario: Scenario) -> Iterator[tuple[int, S
     """
     for run, share in shares_lost(recording).items():
         of_run = pl.col("run") == run
-        segments = None if recording.segments is None else recording.segments.filter(of_run)
-        motion = Motion(recording.motion.filter(of_run), recording.ends.filter(of_run), segments)
+        motion = Motion(recording.motion.filter(of_run), recording.ends.filter(of_run))
         values: dict[str, Any] = {}
         if share is not None:
             values = {"network.name": "loss", "network.loss.share": min(max(share, 0.0), 1.0)}

@@ -21,10 +21,9 @@ import numpy as np
 
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import number, stated
-from vibroswarm.tracking.camera import outwards, square_errors
+from vibroswarm.tracking.camera import outwards
 from vibroswarm.tracking.marker_detection import edge_lengths
-from vibroswarm.tracking.picture_quality import SMALL_PX
-from vibroswarm.tracking.track import Tracking
+from vibroswarm.tracking.track import SMALL_PX, Tracking
 
 FLOOR_PX: Final = 1.0
 """A floor marker with a larger error of its corners (root mean square, px) is not where the file has it."""
@@ -203,24 +202,6 @@ def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
             corners = tracking.camera.at_height(sharp_corners(tracking, own), tracking.markers.height_m)
             found[name] = float(np.median(edge_lengths(corners)))
     return found
-
-
-def square_residuals(tracking: Tracking, most: int = 400) -> tuple[Floats, Floats]:
-    """Return where robots' markers were seen, and how far their corners are from squares of the median size.
-
-    There is at least one detection: ``marker_detection.detect`` refuses a video without any.
-
-    Args:
-        most: how many detections are taken at most.
-    Returns: centres, (detections, 2), px, and root mean square errors of their corners, (detections,), mm.
-    """
-    seen = tracking.detections.corners_px
-    corners_px = seen[np.isfinite(seen).all(axis=(2, 3))]
-    # Every n-th detection. As n is rounded down, up to twice ``most`` are left; the last ones are then cut off.
-    corners_px = corners_px[:: max(len(corners_px) // most, 1)][:most]
-    corners = tracking.camera.at_height(corners_px, tracking.markers.height_m)
-    errors = square_errors(corners, float(np.median(edge_lengths(corners))))
-    return corners_px.mean(axis=1), 1000 * np.sqrt((errors**2).sum(axis=2).mean(axis=1))
 
 
 def mm_per_px(tracking: Tracking) -> float:
