@@ -12,11 +12,14 @@ import polars as pl
 import pytest
 
 from vibroswarm.floors.floor import Floor
+from vibroswarm.inspection.inspection import inspect
 from vibroswarm.recordings.acceleration import computed
+from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.floor_fit import floor_fits, turned
 from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.spectrum import spectra_of
 from vibroswarm.robot.sensing import SenseProgram
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.tracking.camera import fit_camera, outwards
 from vibroswarm.tracking.marker_detection import has_rim
 from vibroswarm.tracking.markers import corners_at, dictionary_of, usual_markers
@@ -113,18 +116,31 @@ def energies(frame: pl.DataFrame, right: float) -> Case:
     return case
 
 
+def inspected_bits(folder: Path) -> tuple[Any, Any]:
+    """Rates of wrong bits by which a log of bits is inspected, and whether its map is right."""
+    ground, _ = logged_bits(folder, "observation")
+    recording = recording_of([read_log(folder / "log.csv")], ground, preset("paper"))
+    found = inspect(recording, bits=True)
+    (_, still), (vibrating, _) = found.samples.law.sensor.params.rates
+    right = (found.last_maps["vibrating"].to_numpy() > 0.5) == (ground.tiles.ravel() == 1)
+    return ((still, vibrating), right.all()), (pytest.approx((0.2, 0.2), abs=0.05), True)
+
+
+def logged_bits(folder: Path, name: str) -> tuple[Floor, pl.DataFrame]:
+    ground, random = Floor.filling([[0, 1, 0], [1, 1, 0], [0, 0, 0], [1, 0, 0]]), np.random.default_rng(1)
+    x_m, y_m = random.random((2, 600)) * 0.99 + 0.005
+    read = ground.tiles.ravel()[ground.tile_at(x_m, y_m)] ^ (random.random(600) < 0.2)
+    frame = pl.DataFrame({"time_s": np.arange(600) / 2, "x_m": x_m, "y_m": y_m, name: read})
+    frame.write_csv(folder / "log.csv")
+    return ground, frame
+
+
 def bits(as_energies: bool, mirrored: bool) -> Case:
     """Whether a floor fits the bits that were read on it."""
-    ground = Floor.filling([[0, 1, 0], [1, 1, 0], [0, 0, 0], [1, 0, 0]])
-    tested = Floor.filling(turned(ground.tiles, "mirrored left to right")) if mirrored else ground
 
     def case(folder: Path) -> tuple[Any, Any]:
-        random = np.random.default_rng(1)
-        x_m, y_m = random.random((2, 600)) * 0.99 + 0.005
-        read = ground.tiles.ravel()[ground.tile_at(x_m, y_m)] ^ (random.random(600) < 0.2)
-        name = "energy" if as_energies else "observation"
-        frame = {"time_s": np.arange(600) / 2, "x_m": x_m, "y_m": y_m, name: read}
-        pl.DataFrame(frame).write_csv(folder / "log.csv")
+        ground, _ = logged_bits(folder, "energy" if as_energies else "observation")
+        tested = Floor.filling(turned(ground.tiles, "mirrored left to right")) if mirrored else ground
         samples = read_log(folder / "log.csv").samples
         fits = {fit.orientation: fit.probability for fit in floor_fits(tested, samples)}
         return fits["as it is"] < 0.01, not mirrored
@@ -228,6 +244,7 @@ CASES: dict[str, Case] = {
     "energies without gravity": energies(shaken((0.0, 0.0, 2.0), 0.0, rate_hz=350.0), 1.124),
     "spare print": spare_print,
     "floor without rims": floor_without_rims,
+    "bits, inspected": inspected_bits,
     "bits": bits(as_energies=False, mirrored=False),
     "bits, mirrored": bits(as_energies=False, mirrored=True),
     "bits as energies": bits(as_energies=True, mirrored=False),

@@ -30,6 +30,7 @@ from vibroswarm.inspection.laws import (
     known_from,
     law_for_session,
     law_named,
+    law_of_bits,
     law_of_recordings,
     law_of_scenario,
 )
@@ -287,7 +288,7 @@ def _samples_of(
         source = read_result(Path(source))
     if isinstance(source, Scenario):
         source = simulate(source, seed, [run])
-    law = _law_of(source, run, laws, spreads, draws)
+    law = _law_of(source, run, laws, spreads, draws, bits=bits)
     return samples_of_result(source, run, law, bits=bits, spread_m=spread_m)
 
 
@@ -302,7 +303,15 @@ def _refuse_given(values: dict[str, Any], words: str) -> None:
             raise InputError(f"leave it out: {words}", field=field)
 
 
-def _law_of(result: Result | None, run: int, laws: Laws, spreads: tuple[float, float], draws: int) -> Law:
+def _law_of(
+    result: Result | None,
+    run: int,
+    laws: Laws,
+    spreads: tuple[float, float],
+    draws: int,
+    *,
+    bits: bool = False,
+) -> Law:
     """Return the law by which samples are judged; ``result`` is None for a CSV, whose law must be given."""
     if any(spreads) and not (isinstance(laws, str) and laws.lower().endswith(".csv")):
         raise InputError(
@@ -316,7 +325,7 @@ def _law_of(result: Result | None, run: int, laws: Laws, spreads: tuple[float, f
     if laws:
         return law_of_recordings(laws, " of other recordings", draws)
     if isinstance(result, Recording):
-        return law_for_session(result, run, draws=draws)
+        return (law_of_bits if bits else law_for_session)(result, run, draws=draws)
     if result is None:
         raise InputError(
             "a CSV needs a law of the sensor: values measured where it vibrates and where not (kind,energy as CSV), a "
