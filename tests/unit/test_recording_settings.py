@@ -81,7 +81,7 @@ def test_tau_is_found_where_rows_cut_its_intervals(tmp_path: Path) -> None:
     columns = {"whole": True, "spacing_s": spacings_s, "avoid_s": 0.0, "stop_s": 1.0}
     tau = infer_tau(pl.DataFrame(columns))
     assert tau.low <= 3778 <= tau.high
-    assert tau.count == 122
+    assert tau.number == 122
     alike = infer_tau(
         pl.DataFrame(columns | {"spacing_s": [4.8] * 30})
     )  # less a stop of 1 s and up to 0.04 s

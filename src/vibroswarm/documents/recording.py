@@ -139,7 +139,7 @@ def _settings(recording: Recording) -> Table:
             "setting": one["name"],
             "value": _inferred_value(recording, one),
             "range": "" if one["low"] is None else f"{stated(one['low'])} to {stated(one['high'])}",
-            "from": count(one["count"], _COUNTED[one["name"]]),
+            "from": count(one["number"], _COUNTED[one["name"]]),
         }
         for one in recording.inferred
     ]
@@ -193,7 +193,7 @@ def _import_data(
         {
             **one,
             "value": None if one["value"] is None else str(one["value"]),
-            "number": _number_of(one["value"]),
+            "as_number": _number_of(one["value"]),
         }
         for one in recording.inferred
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -225,6 +226,8 @@ def _vibrating(floor: Floor) -> Floor:
     return replace(floor, tiles=np.minimum(floor.tiles, 1), changes=changes)
 
 
+SPREADS: Final = re.compile(r"(place_)?spread(_[xy])?(_[a-z]{1,2})?")
+"""Names of columns that may have been meant as standard deviations of places."""
 _SCHEMA: Final = {
     **{name: LOGGED[name] for name in ("robot", "time_s", "x_m", "y_m")},
     "value": Use(pl.Float64, 0.0, 1e9, "a number from 0 to 1e9", also=("energy", "rms")),
@@ -274,12 +277,17 @@ def samples_of_csv(
     read = read_rows(files_of(path), _SCHEMA)
     if "value" not in read.columns:
         raise InputError("has no column 'value' (or energy, rms)", field=str(path))
-    robots = read.rows["robot"]
-    if robots.n_unique() > MOST_ROBOTS or int(robots.max() or 0) > MOST_ROBOT:  # type: ignore[call-overload]
+    robots = read.rows["robot"].unique()
+    if robots.len() > MOST_ROBOTS or (robots > MOST_ROBOT).any():
         raise InputError(
-            f"has {whole(robots.n_unique())} different robots, up to {robots.max()}, not {whole(MOST_ROBOTS)} or fewer "
-            f"up to {MOST_ROBOT}; if it numbers samples, leave the column out",
+            f"has {whole(robots.len())} different robots, not {whole(MOST_ROBOTS)} or fewer with numbers up to "
+            f"{MOST_ROBOT}; if it numbers samples, leave the column out",
             field=f"{path}, robot",
+        )
+    for name in filter(SPREADS.fullmatch, map(str.lower, read.unread.columns)):
+        raise InputError(
+            "give one standard deviation of places, in x and in y, with its unit, such as spread_m",
+            field=f"{path}, {name}",
         )
     has_spreads = "spread_m" in read.columns
     spread = pl.col("spread_m").fill_null(spread_m) if has_spreads else pl.lit(spread_m)

@@ -237,13 +237,11 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
     tracks = log.tracks.with_columns(of_run, robot=robot)
     # A camera sees robots more often than they sample; fewer tracks are rows of samples whose energy is missing.
     camera = tracks if tracks.height > frame.height else tracks.clear()
-    segments, ends = zip(
-        *(
-            _path(run, k, *(table.filter(robot=k) for table in (frame, tracks, camera)), log)
-            for k in range(len(names))
-        ),
-        strict=True,
-    )
+    paths = []
+    for k in range(len(names)):
+        samples, track, seen = (table.filter(robot=k) for table in (frame, tracks, camera))
+        paths.append(_path(run, k, samples, track, seen, log))
+    segments, ends = zip(*paths, strict=True)
     # The latest position of the robot that a camera saw at the time of each sample; null: there is none.
     latest = camera.select("robot", "time_s", tracked_s="time_s").sort("time_s")
     rows = frame.join_asof(latest, on="time_s", by="robot", check_sortedness=False)

@@ -63,7 +63,7 @@ class Inferred(NamedTuple):
     low: float | None = None
     high: float | None = None
     """Bounds of the value; None: there are none."""
-    count: int = 0
+    number: int = 0
     """Number of samples, decisions, intervals or bits that it is inferred from."""
 
 
@@ -135,7 +135,7 @@ def infer_threshold(between: pl.DataFrame) -> Inferred:
         read_zero, read_one = (pl.col("whole") & (pl.col(grown) == 0) for grown in ("new_alpha", "new_beta"))
     zeros, ones = (known.filter(read)["energy"].sort().to_numpy() for read in (read_zero, read_one))
     if zeros.size == 0 or ones.size == 0:
-        return Inferred(name, count=zeros.size + ones.size)
+        return Inferred(name, number=zeros.size + ones.size)
     low, high = float(zeros[-1]), float(ones[0])
     if low >= high:
         # Contradictory samples, counted for a threshold at each energy: zeros above it, and ones up to it.
@@ -144,7 +144,7 @@ def infer_threshold(between: pl.DataFrame) -> Inferred:
         errors = above + np.searchsorted(ones, edges, side="right")
         best = int(np.argmin(errors))
         if errors[best] > CONTRADICT * (zeros.size + ones.size):
-            return Inferred(name, count=zeros.size + ones.size)
+            return Inferred(name, number=zeros.size + ones.size)
         low, high = float(edges[best]), float(edges[min(best + 1, edges.size - 1)])
     return Inferred(name, _roundest(low, high), low, high, zeros.size + ones.size)
 
@@ -183,11 +183,11 @@ def infer_gate(logs: Sequence[Log]) -> tuple[Inferred, Inferred]:
         bounds[gate] = (low, high)
     possible = [gate for gate, (low, high) in bounds.items() if low < high]
     if not decisions or len(possible) != 1 or math.isinf(bounds[possible[0]][0]):
-        return Inferred(names[0], count=decisions), Inferred(names[1], count=decisions)
+        return Inferred(names[0], number=decisions), Inferred(names[1], number=decisions)
     low, high = bounds[possible[0]]
     # O_c is at least the largest count without a decision, and below the smallest count at a first decision.
     counts = Inferred(names[1], int(low), low, high - 1, decisions)
-    return Inferred(names[0], possible[0], count=decisions), counts
+    return Inferred(names[0], possible[0], number=decisions), counts
 
 
 def _deciding_robots(logs: Sequence[Log]) -> Iterator[tuple[pl.DataFrame, Floats, Floats]]:
@@ -204,7 +204,8 @@ def _deciding_robots(logs: Sequence[Log]) -> Iterator[tuple[pl.DataFrame, Floats
 def _counts(own: pl.DataFrame, gate: str) -> Floats:
     """Return how many observations a gate has counted before each sample of a robot."""
     sent, received = (own[name].cast(pl.Float64).to_numpy() for name in ("sent", "messages_received"))
-    return {"own": sent, "received": received}.get(gate, sent + received)
+    by_gate: dict[str, Floats] = {"own": sent, "received": received}
+    return by_gate.get(gate, sent + received)
 
 
 def infer_credible(logs: Sequence[Log], gate: Inferred, least: Inferred) -> Inferred:
@@ -229,8 +230,9 @@ def infer_credible(logs: Sequence[Log], gate: Inferred, least: Inferred) -> Infe
             low = max(low, float(confidence[past_gate].max(initial=0.5)))
     # The 1e-9 makes ``high`` itself a possible value: a logged belief may be cut to three digits and so equal p_c.
     value = _roundest(low, high + 1e-9) if decisions and 0.5 < low <= high else None
-    bounds = (low, high) if decisions else (None, None)
-    return Inferred("decision.credible_threshold", value, *bounds, decisions)
+    if not decisions:
+        return Inferred("decision.credible_threshold")
+    return Inferred("decision.credible_threshold", value, low, high, decisions)
 
 
 def infer_tau(between: pl.DataFrame, stop_s: float = STOP_S) -> Inferred:
@@ -246,11 +248,11 @@ def infer_tau(between: pl.DataFrame, stop_s: float = STOP_S) -> Inferred:
     spacing = calm["spacing_s"].to_numpy()
     usual = _usual_of(spacing) if spacing.size >= 20 else spacing[:0]
     if usual.size < 2:  # one interval has no standard deviation
-        return Inferred(name, count=usual.size)
+        return Inferred(name, number=usual.size)
     stops_s = calm["stop_s"].drop_nulls().to_numpy()
     tau_s = float(usual.mean()) - (float(np.median(stops_s)) if stops_s.size else stop_s) - TICKS_S
     if tau_s <= 0.0:  # intervals do not hold a stop
-        return Inferred(name, count=usual.size)
+        return Inferred(name, number=usual.size)
     error_s = float(usual.std(ddof=1)) / math.sqrt(usual.size) + 0.01  # times are logged to 0.01 s
     # Two standard errors on each side. A robot whose control loop is faster than the simulator's takes less than two
     # ticks of 20 ms in addition, so its tau may be up to TICKS_S longer.
@@ -305,13 +307,13 @@ def infer_strategy(
         q = np.clip(share, FLOOR_SHARE, 1 - FLOOR_SHARE)
         spread = received * q * (1 - q)
         variance = 2 + (1 - 6 * q * (1 - q)) / spread
-        likelihood[k] = math.fsum(binom.logpmf(ones, received, q))
-        surprise[k] = math.fsum((ones - received * q) ** 2 / spread - 1) / math.sqrt(
+        likelihood[k] = binom.logpmf(ones, received, q).sum()
+        surprise[k] = float(np.sum((ones - received * q) ** 2 / spread - 1)) / math.sqrt(
             max(variance.sum(), 1e-9)
         )
     second, first = np.argsort(likelihood)[-2:].tolist()
     is_clear = likelihood[first] - likelihood[second] > CLEAR_LEAD and surprise[first] <= MOST_SURPRISE
-    return Inferred("strategy.name", STRATEGIES[first] if is_clear else None, count=int(received.sum()))
+    return Inferred("strategy.name", STRATEGIES[first] if is_clear else None, number=int(received.sum()))
 
 
 def _received(

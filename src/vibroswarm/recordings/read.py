@@ -111,16 +111,15 @@ def _read_table(paths: list[Path], name: str, by: ColumnMap) -> Log:
 def _read_console(path: Path, name: str) -> Log:
     text = text_of(path)
     lines = [
-        (number, cells)
+        (number, line.split(","))
         for number, line in enumerate(text.splitlines(), start=1)
-        if line.startswith("1,") and len(cells := line.split(",")) == CELLS
+        if line.startswith("1,") and line.count(",") == CELLS - 1
     ]
     if not lines:
         raise InputError("has no data line (19 numbers separated by commas)", field=str(path))
-    numbers, rows = zip(*lines, strict=True)
-    cells = pl.DataFrame(rows, schema=[str(k) for k in range(CELLS)], orient="row").select(
-        pl.lit(str(path)).alias("file"), pl.Series("line", numbers, pl.UInt32), pl.all()
-    )
+    table = pl.DataFrame([row for _, row in lines], schema=[str(k) for k in range(CELLS)], orient="row")
+    numbers = pl.Series("line", [number for number, _ in lines], pl.UInt32)
+    cells = table.select(pl.lit(str(path)).alias("file"), numbers, pl.all())
     columns = {
         use: Column(name=str(place), times=0.001 if use.endswith("total_s") else 1.0)
         for use, place in _CONSOLE.items()

@@ -65,7 +65,7 @@ _EXTRA_TABLES: Final = {
 """Additional tables of a recording."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)  # both are those of a result
 class Recording(Result):
     """Sessions of real robots as a result.
 
@@ -87,21 +87,6 @@ class Recording(Result):
     """``infer.Inferred`` as plain values."""
     floor_words: str = ""
     """Result of the test whether the floor fits the energies."""
-
-    def __eq__(self, other: object) -> bool:
-        """Return whether all fields are the same; a plain ``Result`` is compared by the fields of a result alone."""
-        if not isinstance(other, Recording):
-            return super().__eq__(other)
-        head = ("names", "sessions", "stated", "inferred", "floor_words")
-        return (
-            super().__eq__(other)
-            and all(getattr(self, name) == getattr(other, name) for name in head)
-            and all(getattr(self, name).equals(getattr(other, name)) for name in _EXTRA_TABLES)
-        )
-
-    __hash__ = None
-
-    __repr__ = Result.__repr__  # a dataclass would write all tables
 
     @property
     def logs_beliefs(self) -> bool:

@@ -94,14 +94,12 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
     states, ends = pl.concat(finals).select(list(FINALS)), pl.concat([recording.ends] * draws)
     robots, runs = outcome_tables(scenario, recording.floor_by_run, states, ends)
     # A session may end before t_end_s, but because people ended it, not by a decision: it did not stop early.
-    tables = ((robots, ROBOTS), (runs.with_columns(stopped_early=False), RUNS))
-    of_draws = [
-        table.select(
-            pl.Series("draw", np.arange(draws, dtype=np.uint32).repeat(table.height // draws)), *columns
-        )
-        for table, columns in tables
-    ]
-    return Replayed(scenario, draws, *of_draws, answers=pl.concat(answers) if answers else None)
+    number = np.arange(draws, dtype=np.uint32)
+    robots, runs = (
+        table.select(pl.Series("draw", number.repeat(table.height // draws)), *columns)
+        for table, columns in ((robots, ROBOTS), (runs.with_columns(stopped_early=False), RUNS))
+    )
+    return Replayed(scenario, draws, robots, runs, pl.concat(answers) if answers else None)
 
 
 def _sessions(recording: Recording, scenario: Scenario) -> Iterator[tuple[int, Scenario, Motion]]:

@@ -167,9 +167,11 @@ def spectra_of(
     gravity = gravity_in(list(values), unit)
     known_unit = gravity.unit == unit
     readings = values * (M_S2[unit] if known_unit else 1.0)  # (samples, readings, 3)
-    axis = axis or ("magnitude" if gravity.is_there else ACCELERATIONS[strongest_axis(list(values))][1:])
-    hz, powers = periodograms(_signals(readings, axis), rate_hz)
-    across_hz = _lines_across(readings, rate_hz) if axis == "magnitude" else ()
+    of_axis: str = axis or (
+        "magnitude" if gravity.is_there else ACCELERATIONS[strongest_axis(list(values))][1:]
+    )
+    hz, powers = periodograms(_signals(readings, of_axis), rate_hz)
+    across_hz = _lines_across(readings, rate_hz) if of_axis == "magnitude" else ()
     known = _Known(rate_hz, signal_ms / 1000.0, tuple(motors_hz), across_hz)
     groups = [("all", "", np.arange(len(samples)))]
     for group in by:
@@ -180,7 +182,7 @@ def spectra_of(
         if rows.size >= FEWEST
     )
     warnings = (
-        *_of_gravity(gravity, unit, axis),
+        *_of_gravity(gravity, unit, of_axis),
         *_of_readings(read, stops, repeats, polled_hz, rate_hz),
         *_warnings(motors_hz, known),
         *_left_out(groups),
@@ -189,7 +191,7 @@ def spectra_of(
         hz,
         rate_hz,
         signal_ms / 1000.0,
-        axis,
+        of_axis,
         len(samples),
         len(stops),
         found,

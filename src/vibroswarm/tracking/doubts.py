@@ -6,7 +6,7 @@
 | jump | a position too far from those before and after it, which was dropped |
 | unexpected | a marker was seen that is in no list: it moves, or it never does and is likely no marker |
 | small | a robot's marker is too small to be read well |
-| floor | a marker of the floor is not at the place that the file of markers gives, moved, or was not seen |
+| floor | a marker of the floor is not at the place that the file of markers gives, or was not seen |
 
 A robot is called by its name, the number that it has in the log.
 """
@@ -67,7 +67,7 @@ class Doubt:
 def doubts_of(tracking: Tracking) -> list[Doubt]:
     """Return what is doubtful in a tracking, in the order of ``TITLES``; doubts of a kind by descending weight."""
     found = [
-        *_gaps(tracking), *_dropped(tracking), *_unexpected(tracking), *_floor(tracking), *_floor_moved(tracking),
+        *_gaps(tracking), *_dropped(tracking), *_unexpected(tracking), *_floor(tracking),
         *_floor_never_seen(tracking), *_small(tracking),
     ]  # fmt: skip
     order = list(TITLES)
@@ -125,25 +125,6 @@ def _floor(tracking: Tracking) -> Iterator[Doubt]:
             "file and the other markers have it."
         )
         yield Doubt("floor", words, weight=error)
-
-
-def _floor_moved(tracking: Tracking) -> Iterator[Doubt]:
-    """Yield a doubt for each floor marker that moved while the others did not; none if the camera moves."""
-    if tracking.camera_moves():
-        return
-    seen = tracking.detections
-    for marker, shifts in seen.floor_shifts_px().items():
-        away = {frame: shift for frame, shift in shifts.items() if shift > FLOOR_PX}
-        if not away:
-            continue
-        farthest, frame = max(away.values()), min(away)
-        time_s = float(seen.time_s[frame])
-        words = (
-            f"Marker {marker} of the floor was seen up to {number(farthest, 1)} px "
-            f"({number(farthest * mm_per_px(tracking), 1)} mm) from its usual place in {len(away)} of {len(shifts)} "
-            f"frames, first at {number(time_s, 1)} s."
-        )
-        yield Doubt("floor", words, time_s=time_s, weight=farthest)
 
 
 def _floor_never_seen(tracking: Tracking) -> Iterator[Doubt]:

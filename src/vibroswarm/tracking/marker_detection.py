@@ -69,7 +69,7 @@ class Detections:
     """Markers of the dictionary that are on no robot and not on the floor: frame and corners, (4, 2), px, each time
     that one was seen in a whole frame, by its number."""
     samples: tuple[Gray, ...] = ()
-    """Some frames from all of the video, to judge the picture."""
+    """The first frames that were searched whole, to judge the picture."""
 
     @property
     def have_rims(self) -> bool:
@@ -194,13 +194,11 @@ class _Search:
         """See ``Detections.floor_seen``; here also those that were not seen."""
         self.unexpected: dict[int, list[tuple[int, Floats]]] = {}
         self.samples: list[Gray] = []
-        self._sample_every = 1
         self.whole_frames = 0
         self._searched_for_all = -1
 
     def look_at(self, k: int, picture: Picture) -> None:
         """Find the robots' markers in frame ``k``, and at times all markers."""
-        self._sample(k, picture)
         here: list[list[Floats]] = [[] for _ in self._robots]
         for i, marker in enumerate(self._robots):
             last = self._last[i]
@@ -227,17 +225,11 @@ class _Search:
         if k != self._searched_for_all:
             self._search_for_all(k, picture)
 
-    def _sample(self, k: int, picture: Picture) -> None:
-        """Keep frame ``k`` if it is due: all at first, then every second, every fourth ... of a longer video."""
-        if k % self._sample_every == 0 and len(self.samples) == SAMPLES:
-            self.samples = self.samples[::2]
-            self._sample_every *= 2
-        if k % self._sample_every == 0:
-            self.samples.append(grey(picture))
-
     def _search_for_all(self, k: int, picture: Picture) -> Seen:
         """Search the whole of frame ``k`` for all markers of the dictionary, and note those that are on no robot."""
         self.whole_frames, self._searched_for_all = self.whole_frames + 1, k
+        if len(self.samples) < SAMPLES:
+            self.samples.append(grey(picture))
         seen = self._finder.everywhere(grey(picture))
         for marker in seen.keys() - set(self._robots):
             noted = self.floor if marker in self.floor else self.unexpected
@@ -287,10 +279,12 @@ def _followed(places: Sequence[Sequence[Floats]]) -> Floats:
     The path begins where the marker is seen at a single place; if it never is, it is not followed.
     """
     found = np.full((len(places), 4, 2), np.nan)
-    first = next((k for k, own in enumerate(places) if len(own) == 1), len(places))
+    first = next((k for k, own in enumerate(places) if len(own) == 1), None)
+    if first is None:
+        return found
     for frames in (range(first, len(places)), range(first - 1, -1, -1)):
-        last = places[first][0] if first < len(places) else None
-        for k in frames if last is not None else ():
+        last = places[first][0]
+        for k in frames:
             if places[k]:
                 last = found[k] = _nearest_to(last, places[k])
     return found
