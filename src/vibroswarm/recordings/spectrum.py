@@ -149,20 +149,7 @@ def spectra_of(
     """
     read = read_acceleration(path, rate_hz)
     unit = "m/s2" if read.in_m_s2 else unit
-    robots = read.rows.partition_by("robot", maintain_order=True)
-    stops = [stop for robot in robots for stop in stops_of(robot, signal_ms / 1000.0, stop_s)]
-    polled_hz, repeats = _rate(stops, rate_hz, path), _repeats(stops)
-    if repeats > 1.0:
-        stops = [stop.filter(_is_new(stop)) for stop in stops]
-    rate_hz = polled_hz if repeats == 1.0 else _rate(stops, None, path)
-    length = round(rate_hz * signal_ms / 1000.0)
-    samples = [_sample_of(stop, length) for stop in stops if stop.height >= length]
-    if len(samples) < FEWEST or length < 16:
-        raise InputError(
-            f"{len(samples)} of {len(stops)} stops have the {length} readings of a sample ({signal_ms:g} ms at "
-            f"{rate_hz:.4g} Hz); at least {FEWEST} are needed, of at least 16 readings",
-            field=str(path),
-        )
+    samples, stops, repeats, rate_hz = _sampled(read.rows, path, rate_hz, signal_ms, stop_s)
     values = np.array([sample.select(ACCELERATIONS).to_numpy() for sample in samples])
     gravity = gravity_in(list(values), unit)
     known_unit = gravity.unit == unit
@@ -183,7 +170,7 @@ def spectra_of(
     )
     warnings = (
         *_of_gravity(gravity, unit, of_axis),
-        *_of_readings(read, stops, repeats, polled_hz, rate_hz),
+        *_of_readings(read, stops, repeats, rate_hz),
         *_warnings(motors_hz, known),
         *_left_out(groups),
     )
@@ -198,6 +185,36 @@ def spectra_of(
         "m/s²" if known_unit else "",
         warnings,
     )
+
+
+class _Sampled(NamedTuple):
+    samples: list[pl.DataFrame]
+    stops: list[pl.DataFrame]
+    repeats: float
+    """How often each reading was there; it is there once now."""
+    rate_hz: float
+    """Of the sensor."""
+
+
+def _sampled(
+    rows: pl.DataFrame, path: Path, stated_hz: float | None, signal_ms: float, stop_s: float | None
+) -> _Sampled:
+    """Return the samples of readings, the last ones of each stop, as the sensor measured them."""
+    robots = rows.partition_by("robot", maintain_order=True)
+    stops = [stop for robot in robots for stop in stops_of(robot, signal_ms / 1000.0, stop_s)]
+    rate_hz, repeats = _rate(stops, stated_hz, path), _repeats(stops)
+    if repeats > 1.0:
+        stops = [stop.filter(_is_new(stop)) for stop in stops]
+        rate_hz = _rate(stops, None, path)
+    length = round(rate_hz * signal_ms / 1000.0)
+    samples = [_sample_of(stop, length) for stop in stops if stop.height >= length]
+    if len(samples) < FEWEST or length < 16:
+        raise InputError(
+            f"{len(samples)} of {len(stops)} stops have the {length} readings of a sample ({signal_ms:g} ms at "
+            f"{rate_hz:.4g} Hz); at least {FEWEST} are needed, of at least 16 readings",
+            field=str(path),
+        )
+    return _Sampled(samples, stops, repeats, rate_hz)
 
 
 def _is_new(stop: pl.DataFrame) -> Bools:
@@ -235,15 +252,15 @@ def _of_gravity(gravity: Gravity, unit: str, axis: str) -> Iterator[str]:
 
 
 def _of_readings(
-    read: Acceleration, stops: Sequence[pl.DataFrame], repeats: float, polled_hz: float, rate_hz: float
+    read: Acceleration, stops: Sequence[pl.DataFrame], repeats: float, rate_hz: float
 ) -> Iterator[str]:
     """Say which readings are missing, repeated, or at the end of the sensor's range."""
     if read.missing:
         yield f"{count(read.missing, 'reading')} missing: left out, or bridged by straight lines if few in a row"
     if repeats > 1.0:
         yield (
-            f"each reading is there {number(repeats, 1)} times: the sensor is polled at {number(polled_hz, 0)} Hz and "
-            f"measures at {number(rate_hz, 1)} Hz, which is the rate of the spectra"
+            f"each reading is there {number(repeats, 1)} times: the sensor is polled at "
+            f"{number(repeats * rate_hz, 0)} Hz and measures at {number(rate_hz, 1)} Hz, the rate of the spectra"
         )
     values = pl.concat(stops).select(read.axes).to_numpy()
     if ends := sum(_at_the_end(sign * one) for one in values.T for sign in (1.0, -1.0)):
