@@ -120,7 +120,8 @@ def exactly_logged(result: Result, ground: Floor, tmp_path: Path) -> Recording:
     """A recording of one run, with exact times."""
     table = result.motion.join(result.observations, on=KEY).join(result.inference, on=KEY)
     table.with_columns(
-        stopped=pl.col("stop_s").cast(pl.Float64).cum_sum().over("robot"), energy=pl.col("energy").cast(float)
+        stopped=(pl.col("time_s") - pl.col("stop_start_s")).cum_sum().over("robot"),
+        energy=pl.col("energy").cast(float),
     ).drop("heading_rad").write_csv(tmp_path / "exact.csv")
     (tmp_path / "map.toml").write_text(MAP)
     log = read_log(tmp_path / "exact.csv", columns=tmp_path / "map.toml")

@@ -204,8 +204,8 @@ def _deciding_robots(logs: Sequence[Log]) -> Iterator[tuple[pl.DataFrame, Floats
 def _counts(own: pl.DataFrame, gate: str) -> Floats:
     """Return how many observations a gate has counted before each sample of a robot."""
     sent, received = (own[name].cast(pl.Float64).to_numpy() for name in ("sent", "messages_received"))
-    by_gate: dict[str, Floats] = {"own": sent, "received": received}
-    return by_gate.get(gate, sent + received)
+    by_gate: dict[str, Floats] = {"own": sent, "received": received, "total": sent + received}
+    return by_gate[gate]
 
 
 def infer_credible(logs: Sequence[Log], gate: Inferred, least: Inferred) -> Inferred:
@@ -307,7 +307,7 @@ def infer_strategy(
         q = np.clip(share, FLOOR_SHARE, 1 - FLOOR_SHARE)
         spread = received * q * (1 - q)
         variance = 2 + (1 - 6 * q * (1 - q)) / spread
-        likelihood[k] = binom.logpmf(ones, received, q).sum()
+        likelihood[k] = np.sum(binom.logpmf(ones, received, q))
         surprise[k] = float(np.sum((ones - received * q) ** 2 / spread - 1)) / math.sqrt(
             max(variance.sum(), 1e-9)
         )

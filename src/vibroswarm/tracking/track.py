@@ -15,7 +15,6 @@ from typing import Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.angles import wrapped
 from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import count, number, some, stated
 from vibroswarm.core.read_tables import files_of, read_rows
@@ -253,6 +252,11 @@ def _robot_tables(
         time_s, centre, heading = time_s[kept], centre[kept], heading[kept]
         stops.append(stops_of(name, time_s, centre[:, 0], centre[:, 1], heading))
     return pl.concat(tables), pl.concat(stops), pl.concat(dropped)
+
+
+def wrapped(angle_rad: Floats) -> Floats:
+    """Return angles brought into the range from -pi to pi."""
+    return np.asarray(np.angle(np.exp(1j * angle_rad)))
 
 
 def _darkness(frames: Sequence[Gray]) -> str:
