@@ -34,6 +34,8 @@ TICKS_S: Final = 0.04
 """Two ticks of the simulator: undisturbed samples are tau + stop + two ticks apart."""
 USUAL_S: Final = 0.3
 """Intervals without avoidance are the usual one if they differ by no more from the most frequent duration, s."""
+FAR: Final = 0.25
+"""Bounds of theta_E that are apart by a larger share of the upper one are far apart: it is their middle."""
 CONTRADICT: Final = 0.02
 """Share of samples that may contradict a threshold."""
 CREDIBLE: Final = 0.95
@@ -146,7 +148,15 @@ def infer_threshold(between: pl.DataFrame) -> Inferred:
         if errors[best] > CONTRADICT * (zeros.size + ones.size):
             return Inferred(name, number=zeros.size + ones.size)
         low, high = float(edges[best]), float(edges[min(best + 1, edges.size - 1)])
-    return Inferred(name, _roundest(low, high), low, high, zeros.size + ones.size)
+    value = _beside(low, high, at_low=zeros.size >= ones.size)
+    return Inferred(name, value, low, high, zeros.size + ones.size)
+
+
+def _beside(low: float, high: float, at_low: bool) -> float:
+    """Return the number with two decimals in [low, high) nearest to the bound of more samples; or the middle."""
+    near = math.ceil(low * 100 - 1e-9) / 100 if at_low else (math.ceil(high * 100 - 1e-9) - 1) / 100
+    is_near = high - low <= FAR * high and low - 1e-12 <= near < high
+    return near if is_near else (low + high) / 2
 
 
 def _roundest(low: float, high: float) -> float:
