@@ -26,7 +26,7 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import truth_on, truth_over_time
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import replay_recording
 from vibroswarm.recordings.threshold import labelled

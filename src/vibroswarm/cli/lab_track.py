@@ -117,7 +117,7 @@ def track(
     from vibroswarm.documents.saved import save
     from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
-    from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes
+    from vibroswarm.recordings.read import CAMERA_LOG, camera_log_bytes
     from vibroswarm.study.options import stated_fields
     from vibroswarm.tracking import opencv
     from vibroswarm.tracking.track import with_positions, write_tables
@@ -150,7 +150,7 @@ def track(
             recording.write_into(part)
             (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
         write_tables(part, tracking)
-        document = tracking_document(tracking, tracked, samples)
+        document = tracking_document(tracking, tracked)
         save(document, part, destination.command, destination.work, page=REVIEW)
     print_with_place(document, output, REVIEW)
 
