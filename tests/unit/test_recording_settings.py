@@ -21,7 +21,7 @@ from vibroswarm.simulation import simulate
 
 def found(told: Scenario, tmp_path: Path, **changes: Any) -> dict[str, Any]:
     scenario = told.with_values({name.replace("__", "."): value for name, value in changes.items()})
-    result = simulate(scenario, 11, 2, segments=True)
+    result = simulate(scenario, 11, 2, poses=True)
     for run in (0, 1):
         write_log(result, tmp_path / f"{run}.csv", run)
     logs = [(read_log(tmp_path / f"{run}.csv")) for run in (0, 1)]
@@ -57,7 +57,7 @@ def test_one_robot_does_not_tell_the_strategy(logs: list[Path]) -> None:
 def test_clocks_that_differ_tell_no_strategy(told: Scenario, tmp_path: Path) -> None:
     """With one clock 5 s late what robots received is not what others sent, and soft feedback seems the likeliest."""
     undecided = {"decision.min_observations": 10_000, "strategy.name": "none", "run.t_end_s": 900.0}
-    write_log(simulate(told.with_values(undecided), 11, 1, segments=True), tmp_path / "log.csv", 0)
+    write_log(simulate(told.with_values(undecided), 11, 1, poses=True), tmp_path / "log.csv", 0)
     log = read_log(tmp_path / "log.csv")
     late = pl.col("time_s") + pl.when(pl.col("robot") == log.samples["robot"][0]).then(5.0).otherwise(0.0)
     samples = log.samples.with_columns(late).sort("time_s")
