@@ -11,7 +11,7 @@ from pathlib import Path
 from vibroswarm import Floor, preset
 from vibroswarm.floors import read_tiles
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.replay import logged_outcomes, replay_recording, session_outcomes
 from vibroswarm.recordings.threshold import find_thresholds
 

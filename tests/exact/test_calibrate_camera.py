@@ -13,7 +13,7 @@ from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.real_vs_simulated import camera_between, compare
 from vibroswarm.floors.floor import Floor
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset

@@ -27,7 +27,7 @@ from vibroswarm.inspection.tile_map import felt_on
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.read import read_log
 
 EXAMPLE = ROOT / "examples" / "inspection"
 LAW = Law(preset("paper").sensor, "preset paper")

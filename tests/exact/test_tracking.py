@@ -297,17 +297,10 @@ def test_a_file_of_markers_is_read_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "my markers.toml"
     path.write_text(markers.to_toml(), encoding="utf-8")
     assert read_markers(path) == markers
-    for wrong, words in (
-        ("height_mm = 31.5", "does not state height_mm"),
-        ("at_mm = {", "must give the centre"),
-        ('dictionary = "4X4_50"', None),
-    ):
+    for wrong in ("height_mm = 31.5", "at_mm = {"):
         text = "\n".join(line for line in markers.to_toml().splitlines() if not line.startswith(wrong))
         path.write_text(text, encoding="utf-8")
-        if words is None:
-            assert read_markers(path).dictionary == "4X4_50"
-            continue
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match="required"):
             read_markers(path)
 
 

@@ -11,7 +11,7 @@ import pytest
 from helpers.commands import json_of, output_of, refusal_of
 from vibroswarm import preset
 from vibroswarm.cli import main
-from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, value_of

@@ -20,7 +20,6 @@ def test_all_is_read_and_told(real: Recording) -> None:
     assert [one["rows"] for one in told] == [28063, 28038, 27626]
     assert [one["samples"] for one in told] == [1798, 1810, 1766]
     assert [one["samples_lost"] for one in told] == [2, 1, 1]
-    assert [one["posteriors_odd"] for one in told] == [0, 0, 0]
     assert all(one["counters_wrapped"] >= 30 for one in told)
     assert real.robots["decision"].to_list() == [0] * 15
     assert real.runs["consensus"].to_list() == ["right"] * 3

@@ -26,7 +26,6 @@ def test_equal_error_is_near_what_the_simulations_used(real: Recording) -> None:
     equal = find_thresholds(real)[0]
     assert equal.low < 1.33 < equal.high
     assert 1.30 < equal.value < 1.40
-    assert equal.inner_samples.false_positive < 0.6 * equal.all_samples.false_positive
 
 
 def test_the_answer_says_at_what_price_the_threshold_in_use_decides(real: Recording) -> None:

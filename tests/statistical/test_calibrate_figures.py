@@ -22,7 +22,7 @@ from vibroswarm.calibrate.session_statistics import FIGURES, Figure, _of_samples
 from vibroswarm.calibrate.wall_approach import _to_wall
 from vibroswarm.documents.calibration import figures_document
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.read import read_log
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate

@@ -27,7 +27,7 @@ import polars as pl
 from vibroswarm.calibrate.drive import track_of
 from vibroswarm.core.angles import wrapped
 from vibroswarm.core.arrays import Bools, Floats
-from vibroswarm.recordings.log import STANDING_M
+from vibroswarm.recordings.assemble_recording import STANDING_M
 from vibroswarm.result import Result
 
 DRIVES: Final = 0.62

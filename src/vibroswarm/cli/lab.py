@@ -29,7 +29,9 @@ Folder = Annotated[Path, Option("folder of a recording (lab import)", "DIR")]
 
 
 def import_logs(
-    *logs: Annotated[Path, Option("one log per session, or folder of 'lab track'", "LOG")],
+    *logs: Annotated[
+        Path, Option("one log per session, or folder of 'lab track', or of a log for each robot", "LOG")
+    ],
     reader: Annotated[str | None, Option("format of the logs (default: detected)")] = None,
     columns: Annotated[Path | None, Option("read any CSV with this column map (TOML)", "MAP")] = None,
     acceleration: Annotated[
@@ -92,15 +94,15 @@ def _logs_of(
         the content of each file that was read, by which a repeated import of the same files is recognised.
     """
     from vibroswarm.recordings.acceleration import with_energies
-    from vibroswarm.recordings.log_readers import log_file, named_by_folder, read_log
+    from vibroswarm.recordings.read import CAMERA_LOG, read_log
+    from vibroswarm.recordings.read_tables import files_of
 
-    files = [log_file(path) for path in paths]
-    logs = [
-        named_by_folder(read_log(file, reader, columns, has_energies=acceleration is None), path, file)
-        for path, file in zip(paths, files, strict=True)
-    ]
-    logs, computed = with_energies(logs, scenario, acceleration)
-    read = [*files, *([columns] if columns is not None else []), *(acceleration or ())]
+    logs, computed = with_energies(
+        [read_log(path, reader, columns) for path in paths], scenario, acceleration
+    )
+    files = [file for path in paths for file in files_of(path, CAMERA_LOG)]
+    more = [file for path in acceleration or () for file in files_of(path)]
+    read = [*files, *([columns] if columns is not None else []), *more]
     contents = [path.read_bytes() for path in read]
     first: dict[bytes, Path] = {}
     for file, content in zip(files, contents, strict=False):  # of the logs, which come first
@@ -156,9 +158,9 @@ def replay(
 ) -> None:
     """Replay strategies on the energies of a recording: what each would have decided on these observations.
 
-    As many packets are lost as its log counts; which ones is not logged and is drawn at random. If it counts none, all
-    are heard, or those that the network of 'lab import --network' delivers. Strategies that read places get those of
-    the recording, as if robots knew them.
+    Packets are lost at random, with the share that its log counts. If it counts none, all are heard, or those that the
+    network of 'lab import --network' delivers. Strategies that read places get those of the recording, as if robots
+    knew them.
 
     examples:
       vibroswarm lab replay lab --strategy none,positive,soft --gate own --set rms_threshold=1.4
@@ -191,7 +193,6 @@ def threshold(
         Option("cost of a false positive to that of a false negative (default 1:1)", "A:B", read=costs),
     ] = (1.0, 1.0),
     at: Annotated[float | None, Option("also report on this threshold", "THETA", low=0)] = None,
-    margin_mm: Annotated[float, Option("width of edge zones (default 20 mm)", "MM", low=0)] = 20.0,
     out: OutFile = None,
     law: Annotated[
         Path | None,
@@ -209,9 +210,9 @@ def threshold(
 ) -> None:
     """Recommend a threshold theta_E from recordings on a known floor, and say whether the floor is decidable with it.
 
-    It is that of equal error, or of the given costs; its errors, with and without the edges of tiles, stand beside
-    those of the threshold in use. With several sessions, each is also judged by the threshold of the others. The
-    scenarios of --out and --law have the threshold of --at, else that of --costs, else that of equal error.
+    It is that of equal error, or of the given costs; its errors stand beside those of the threshold in use. With
+    several sessions, each is also judged by the threshold of the others. The scenarios of --out and --law have the
+    threshold of --at, else that of --costs, else that of equal error.
 
     examples:
       vibroswarm lab threshold lab --costs 1:5
@@ -224,7 +225,7 @@ def threshold(
     _check_scenario_files(out, law, base, force=force)
     recording = Recording.read(folder)
     scenario = recording.scenario if base is None else scenario_named(base)
-    found = recommend(recording, (costs[0], costs[1]), at, margin_mm / 1000.0)
+    found = recommend(recording, (costs[0], costs[1]), at)
     written = round(found.chosen.value, found.chosen.decimals)
     scenario = scenario.with_values({"sensor.rms_threshold": written})
     if law is not None:
@@ -251,15 +252,26 @@ def _check_scenario_files(out: Path | None, law: Path | None, base: str | None, 
 
 
 def spectrum(
-    acceleration: Annotated[Path, Option("CSV with the columns robot, time_s, ax, ay, az", "FILE")],
+    acceleration: Annotated[
+        Path,
+        Option("CSV with the columns robot, time_s, ax, ay, az (or a folder of them)", "FILE"),
+    ],
     /,
     *,
     rate: Annotated[
         float | None, Option("readings per second (default: as the times say)", "HZ", low=1)
     ] = None,
     signal_ms: Annotated[float, Option("part of each stop that is used, its end", "MS", low=1)] = 500.0,
+    stop_s: Annotated[
+        float | None, Option("cut a recording without pauses into pieces of this length", "S", low=0.01)
+    ] = None,
     unit: Annotated[Literal["m/s2", "mm/s2", "g"], Option("of the acceleration")] = "m/s2",
-    axis: Annotated[Literal["magnitude", "x", "y", "z"], Option("what spectra are of")] = "magnitude",
+    axis: Annotated[
+        Literal["magnitude", "x", "y", "z"] | None,
+        Option(
+            "what spectra are of (default: the magnitude; without gravity in the readings the strongest axis)"
+        ),
+    ] = None,
     by: Annotated[str, Option("groups with spectra of their own: robot, tile, place, time", "A,B")] = "robot",
     size: Annotated[
         tuple[float, ...], Option("width and height of the surface, m (default 1x1)", "WxH", read=size)
@@ -273,8 +285,8 @@ def spectrum(
     """At which frequencies a surface vibrates, by robot, tile, place and time.
 
     A sample is what a robot takes it from: the last readings of each of its stops, between pauses of the recording (or
-    by a column `sample`). Columns `x_m` and `y_m` say where. Lines have 95 % intervals, and say which frequencies the
-    rate would fold onto them.
+    by a column `sample`, or of pieces, --stop-s). Columns `x_m` and `y_m` say where. One axis is enough. Lines
+    have 95 % intervals, and say which frequencies the rate would fold onto them.
 
     examples:
       vibroswarm lab spectrum acceleration.csv --by robot,time
@@ -287,11 +299,12 @@ def spectrum(
     groups = tuple(part.strip() for part in by.split(",") if part.strip())
     for group in groups:
         check_choice(group, "--by", get_args(Group))
-    claim(output, "lab spectrum", str(acceleration), rate, signal_ms, unit, axis, by, size, tiles, motors)
+    claim(output, "lab spectrum", str(acceleration), rate, signal_ms, stop_s, unit, axis, by, size, tiles, motors)
     found = spectra_of(
         acceleration,
         rate_hz=rate,
         signal_ms=signal_ms,
+        stop_s=stop_s,
         unit=unit,
         axis=axis,
         by=cast(tuple[Group, ...], groups),

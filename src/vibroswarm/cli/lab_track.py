@@ -107,7 +107,7 @@ def track(
     """
     from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
-    from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes
+    from vibroswarm.recordings.read import CAMERA_LOG, camera_log_bytes
     from vibroswarm.study.options import stated_fields
     from vibroswarm.tracking import opencv
     from vibroswarm.tracking.track import with_positions, write_tables
@@ -139,7 +139,7 @@ def track(
         recording.write_into(output.out)
         (output.out / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
     write_tables(output.out, tracking)
-    deliver(tracking_document(tracking, tracked, samples), output)
+    deliver(tracking_document(tracking, tracked), output)
 
 
 def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> pl.DataFrame | None:

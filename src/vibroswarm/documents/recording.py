@@ -135,14 +135,30 @@ def _sessions(recording: Recording) -> Table:
 
 def _settings(recording: Recording) -> Table:
     rows = [
-        {"setting": one["name"], "value": _inferred_value(recording, one), "evidence": one["evidence"]}
+        {
+            "setting": one["name"],
+            "value": _inferred_value(recording, one),
+            "range": "" if one["low"] is None else f"{stated(one['low'])} to {stated(one['high'])}",
+            "from": count(one["number"], _COUNTED[one["name"]]),
+        }
         for one in recording.inferred
     ]
     timer = "sample.timer"
-    evidence = "stated" if timer in recording.stated else "assumed"
-    rows.append({"setting": timer, "value": recording.scenario[timer], "evidence": evidence})
-    frame = pl.DataFrame(rows, schema=dict.fromkeys(("setting", "value", "evidence"), pl.String))
-    return Table(frame, {"evidence": Column(prose=True)}, "Settings of the robots.", "settings")
+    known = "stated" if timer in recording.stated else "assumed"
+    rows.append({"setting": timer, "value": recording.scenario[timer], "range": "", "from": known})
+    frame = pl.DataFrame(rows, schema=dict.fromkeys(("setting", "value", "range", "from"), pl.String))
+    return Table(frame, {}, "Settings of the robots, as their logs show them.", "settings")
+
+
+_COUNTED: Final = {
+    "sensor.rms_threshold": "sample",
+    "decision.gate": "first decision",
+    "decision.min_observations": "first decision",
+    "decision.credible_threshold": "first decision",
+    "sample.sample_interval_ms": "interval",
+    "strategy.name": "bit",
+}
+"""What settings are inferred from."""
 
 
 def _inferred_value(recording: Recording, setting: Mapping[str, Any]) -> str:
@@ -177,18 +193,13 @@ def _import_data(
         {
             **one,
             "value": None if one["value"] is None else str(one["value"]),
-            "number": _number_of(one["value"]),
+            "as_number": _number_of(one["value"]),
         }
         for one in recording.inferred
     ]
     sessions = [
         {"session": run + 1, "log": str(one["log"]), "reader": one["reader"], "page": page}
         for run, (one, page) in enumerate(zip(recording.sessions, pages, strict=True))
-    ]
-    wraps = [
-        {"session": run + 1, "counter": name, "at": float(value)}
-        for run, one in enumerate(recording.sessions)
-        for name, value in one.get("wraps_at", {}).items()
     ]
     counts = [
         {"session": run + 1, "name": name, "count": float(value)}
@@ -199,7 +210,6 @@ def _import_data(
     return {
         "sessions": pl.concat([pl.DataFrame(sessions), outcomes], how="horizontal"),
         "counts": pl.DataFrame(counts),
-        "wraps": pl.DataFrame(wraps),
         "settings": pl.DataFrame(inferred, infer_schema_length=None),
         "acceleration": pl.DataFrame({"words": list(computed)}, schema={"words": pl.String}),
     }
@@ -211,26 +221,12 @@ def _number_of(value: Any) -> float | None:
 
 
 def replay_document(found: Replays) -> Document:
-    """Return what strategies would have decided on a recording's observations.
-
-    Samples that are missing in the log are restored (``put_back``). If the log counts more messages received by a robot
-    before one of its samples than the other robots sent by then and it has not heard, the surplus is left out
-    (``unsent``).
-    """
+    """Return what strategies would have decided on a recording's observations."""
     recording, replays, draws = found.recording, found.by_strategy, count(found.draws, "draw")
     logged = logged_outcomes(recording)
     outcomes = {name: session_outcomes(recording, replay) for name, replay in replays.items()}
     first = next(iter(replays.values()))
     rule = _decision_rule(first.scenario)
-    unsent = ", ".join(f"{stated(replay.unsent)} ({name})" for name, replay in replays.items())
-    restored = (
-        f"Restored {count(first.put_back, 'sample')} without a row; left out {unsent} messages per draw that "
-        "nobody could have sent at that time."
-    )
-    uncounted = (
-        "The logs do not count the messages received in every row. So samples without a row are left out, and this is "
-        f"a replay {_heard(recording)}."
-    )
     return Document(
         title="Replay of a recording",
         answer=(
@@ -240,31 +236,20 @@ def replay_document(found: Replays) -> Document:
         knew=told(replay.scenario for replay in replays.values()),
         warnings=(
             *found.warnings,
-            "" if recording.counts_messages else uncounted,
             _presumed_threshold(recording, first.scenario),
         ),
         parts=(
             _replayed(logged, outcomes),
             *_answers_over_time(replays),
             Text(f"Rule: {', '.join(f'{name} {_setting(value)}' for name, value in rule.items())}; {draws}."),
-            Text(restored if recording.counts_messages else ""),
-            *(
-                [Text(_WITH_PLACES.format(_heard(recording)))]
-                if any(one.scenario.strategy.reads_places for one in replays.values())
-                else []
-            ),
+            Text(f"A replay {_heard(recording)}; samples without a row are left out."),
+            Text(_WITH_PLACES if any(one.scenario.strategy.reads_places for one in replays.values()) else ""),
         ),
         made_by={"seed": str(found.seed), "draws": str(found.draws)},
         data={
             "rule": pl.DataFrame([rule]),
             "as_logged": _outcome_rows(logged),
             "replayed": _outcome_rows([one for of_one in outcomes.values() for one in of_one]),
-            "left_out": pl.DataFrame(
-                [
-                    {"strategy": name, "put_back": replay.put_back, "unsent": float(replay.unsent)}
-                    for name, replay in replays.items()
-                ]
-            ),
         },
     )
 
@@ -363,11 +348,11 @@ def threshold_document(found: Recommendation) -> Document:
         ),
         warnings=(
             "" if chosen.tells_kinds_apart else _TELLS_NOTHING,
-            _SELF_JUDGED if unseen is not None and unseen.is_empty() else "",
+            _SELF_JUDGED if unseen.is_empty() else "",
         ),
         parts=(
-            _thresholds(every, found.margin_m),
-            *if_any(unseen, lambda unseen: [_unseen(unseen, chosen.decimals)]),
+            _thresholds(every),
+            *([] if unseen.is_empty() else [_unseen(unseen, chosen)]),
             _profile(found.profile, found.thresholds[0]),
             *if_any(found.law, lambda law: [_law(law)]),
         ),
@@ -407,10 +392,7 @@ def _why_in_use_decides(chosen: Threshold, in_use: Threshold) -> str:
     )
 
 
-_WITH_PLACES: Final = (
-    "Strategies that read places: as if robots knew where the camera saw them, and in a replay {}, since logs do not "
-    "say who heard what; samples without a row are left out."
-)
+_WITH_PLACES: Final = "Strategies that read places: as if robots knew where the camera saw them."
 _TELLS_NOTHING: Final = (
     "At this threshold samples on vibrating tiles do not read as vibrating more often than those on still tiles: "
     "energies do not tell them apart, and what robots would decide says nothing about the floor. Is the floor right, "
@@ -421,19 +403,16 @@ _SELF_JUDGED: Final = (
 )
 
 
-def _unseen(unseen: pl.DataFrame, decimals: int) -> Table:
-    """Return the errors of each session at a threshold, with so many decimals, that was chosen by the others."""
+def _unseen(unseen: pl.DataFrame, chosen: Threshold) -> Table:
+    """Return the errors of each session at a threshold that was chosen by the others."""
     columns = {
         "session": Column(decimals=0),
-        "threshold": Column("theta_E of the others", decimals=decimals),
+        "threshold": Column("theta_E of the others", decimals=chosen.decimals),
         "false_positive": Column("still read as vibrating", share=True),
         "false_negative": Column("vibrating read as still", share=True),
     }
-    caption = (
-        f"Each session at the threshold of the others ({unseen['rule'][0]}). In the first table sessions judge "
-        "themselves."
-    )
-    return Table(unseen.drop("rule"), columns, caption, "unseen")
+    caption = "Each session at the threshold of the others. In the first table sessions judge themselves."
+    return Table(unseen, columns, caption, "unseen")
 
 
 def _law(law: pl.DataFrame) -> Table:
@@ -461,14 +440,14 @@ def _can_be_decided(one: Threshold) -> str:
     )
 
 
-def _thresholds(thresholds: Sequence[Threshold], margin_m: float) -> Table:
+def _thresholds(thresholds: Sequence[Threshold]) -> Table:
     """Return a row for each rule: the threshold, its error rates, and whether the floor can be decided with it."""
     rows = [
         {
             "rule": one.rule,
             "value": _value(one),
-            "still": _both(one.all_samples.false_positive, one.inner_samples.false_positive),
-            "vibrating": _both(one.all_samples.false_negative, one.inner_samples.false_negative),
+            "still": percent(one.all_samples.false_positive),
+            "vibrating": percent(one.all_samples.false_negative),
             "ones": with_limits(estimate_of(one.share_by_session), "%"),
             "says": _can_be_decided(one),
         }
@@ -481,15 +460,8 @@ def _thresholds(thresholds: Sequence[Threshold], margin_m: float) -> Table:
         "ones": Column("share of ones"),
         "says": Column("can it be decided?", prose=True),
     }
-    caption = (
-        f"Thresholds. Errors: of all samples, and in brackets of those farther than {stated(1000 * margin_m)} mm from "
-        "a tile of the other kind. Share of ones: tiles weighted equally, 95 % over sessions."
-    )
+    caption = "Thresholds. Share of ones: tiles weighted equally, 95 % over sessions."
     return Table(pl.DataFrame(rows), columns, caption, "thresholds")
-
-
-def _both(all_samples: float, inner: float) -> str:
-    return f"{percent(all_samples)} ({percent(inner)})"
 
 
 def _profile(profile: pl.DataFrame, at: Threshold) -> Table:
@@ -511,7 +483,7 @@ def _profile(profile: pl.DataFrame, at: Threshold) -> Table:
     return Table(pl.DataFrame(rows), columns, caption, "edge_profile")
 
 
-_NESTED: Final = ("all_samples", "inner_samples", "share_by_session", "decidable")
+_NESTED: Final = ("all_samples", "share_by_session", "decidable")
 """Numbers of a threshold that have names of their own."""
 
 

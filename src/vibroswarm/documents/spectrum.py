@@ -27,7 +27,7 @@ def spectrum_document(found: Spectra) -> Document:
             f"{number(1000 * found.signal_s, 0)} ms of each, at {number(found.rate_hz, 1)} Hz; {found.axis}. Lines "
             f"nearer than {number(2.0 / found.signal_s, 1)} Hz are one."
         ),
-        lines_table([found.whole], "lines"),
+        lines_table([found.whole], "lines", found.unit),
         Figure("spectrum", partial(_drawn, found, [found.whole]), "Spectrum of all samples"),
         *(_group(found, name, spectra) for name, spectra in groups.items() if spectra),
     )
@@ -46,7 +46,7 @@ def _group(found: Spectra, name: str, spectra: list[Spectrum]) -> Section:
         partial(_drawn, found, spectra[:MOST_DRAWN]),
         first_of(MOST_DRAWN, len(spectra), "group"),
     )
-    return Section(WORDS[name], (lines_table(spectra, f"lines_by_{name}"), drawn))
+    return Section(WORDS[name], (lines_table(spectra, f"lines_by_{name}", found.unit), drawn))
 
 
 def _answer(found: Spectra) -> str:
@@ -61,7 +61,7 @@ def _answer(found: Spectra) -> str:
     )
 
 
-def lines_table(spectra: list[Spectrum], name: str) -> Table:
+def lines_table(spectra: list[Spectrum], name: str, unit: str) -> Table:
     """Return the lines of some spectra, with 95 % intervals."""
     rows = [
         {
@@ -83,7 +83,7 @@ def lines_table(spectra: list[Spectrum], name: str) -> Table:
     }  # fmt: skip
     columns = {
         "hz": Column("line (95 %)", "Hz", decimals=2, limits=("low", "high")),
-        "amplitude": Column("amplitude", "m/s²", decimals=3),
+        "amplitude": Column("amplitude", unit, decimals=3),
         "or": Column("or, folded", "Hz"),
         "words": Column("may be", prose=True),
     }
@@ -91,7 +91,7 @@ def lines_table(spectra: list[Spectrum], name: str) -> Table:
 
 
 def spectra_frame(found: Spectra) -> pl.DataFrame:
-    """Return all spectra as a table: group, where, hz, amplitude (m/s^2)."""
+    """Return all spectra as a table: group, where, hz, amplitude."""
     return pl.concat(
         pl.DataFrame(
             {
@@ -125,4 +125,5 @@ def _drawn(found: Spectra, spectra: list[Spectrum], style: str) -> Picture:
         orient="row",
         schema_overrides=dict.fromkeys(("hz", "low", "high", "amplitude"), pl.Float64),
     )
-    return draw_spectrum(frame, marks, style=style)
+    label = f"amplitude ({found.unit or 'as in the file'})"
+    return draw_spectrum(frame, marks, label=label, style=style)

@@ -24,25 +24,17 @@ from vibroswarm.tracking.doubts import (
     floor_residuals,
     marker_sizes_m,
     mm_per_px,
-    square_residuals,
 )
-from vibroswarm.tracking.pictures import draw_clock, draw_lens, draw_time_line, draw_tracks
-from vibroswarm.tracking.stops import match_samples
+from vibroswarm.tracking.pictures import draw_time_line, draw_tracks
 from vibroswarm.tracking.track import TrackedLog, Tracking
 
 
-def tracking_document(
-    tracking: Tracking, tracked: TrackedLog | None = None, samples: pl.DataFrame | None = None
-) -> Document:
+def tracking_document(tracking: Tracking, tracked: TrackedLog | None = None) -> Document:
     """Return what a tracking says.
 
     Args:
         tracked: the robots' log with positions (``track.with_positions``); None without a log.
-        samples: the robots' log as it was read (``track.read_robot_log``); None without a log.
     """
-    matched = None
-    if tracked is not None and samples is not None:
-        matched = match_samples(tracking.stops, samples, tracked.offset)
     doubts = doubts_of(tracking)
     size, time_s, markers = tracking.detections.size_px, tracking.detections.time_s, tracking.markers
     return Document(
@@ -54,7 +46,6 @@ def tracking_document(
             Text("" if tracked is None else _clock_words(tracked, time_s[0])),
             _doubtful(doubts),
             *_seen(tracking, doubts),
-            *([] if matched is None else [_clock(matched)]),
             _camera(tracking),
         ),
         made_by={
@@ -217,32 +208,6 @@ def _seen(tracking: Tracking, doubts: Sequence[Doubt]) -> list[Section]:
     ]
 
 
-def _clock(matched: pl.DataFrame) -> Section:
-    """Lay out the section on how well the samples of the log match the stops in the video.
-
-    Args:
-        matched: the log's samples with their stops, ``stops.SAMPLES_MATCHED``.
-    """
-    by_robot = (
-        matched.group_by("robot")
-        .agg(
-            samples=pl.len(),
-            matched=pl.col("residual_s").count(),
-            median_ms=1000 * pl.col("residual_s").median(),
-            spread_ms=1000 * (pl.col("residual_s").quantile(0.75) - pl.col("residual_s").quantile(0.25)),
-        )
-        .sort("robot")
-    )
-    columns = {
-        "median_ms": Column("median residual", "ms", decimals=0),
-        "spread_ms": Column("interquartile range", "ms", decimals=0),
-        "matched": Column("with a stop"),
-    }
-    figure = Figure("clock", lambda style: draw_clock(matched, style=style))
-    table = Table(by_robot, columns, "By robot", "clock-robots", folded=True)
-    return Section("Clocks of the robots and of the video", (figure, table))
-
-
 def _camera(tracking: Tracking) -> Section:
     """Lay out the section on how well the lens and pose of the camera fit."""
     camera, residuals = tracking.camera, floor_residuals(tracking)
@@ -254,12 +219,6 @@ def _camera(tracking: Tracking) -> Section:
         f"{number(1000 * float(np.median(sizes)), 1)} mm (median; stated: {stated(1000 * tracking.markers.size_m)} "
         f"mm). Edges are seen {number(camera.edge_px, 2, sign=True)} px outwards, by blur, print and exposure, which "
         "is taken off."
-    )
-    robots_px, robots_mm = square_residuals(tracking)
-    size_px, floor_px = tracking.detections.size_px, tracking.detections.floor_px
-    figure = Figure(
-        "lens",
-        lambda style: draw_lens(size_px, floor_px, residuals, robots_px, robots_mm, style=style),
     )
     errors_px = floor_errors_px(residuals)
     # Number, x, y and error of each marker. The third value of a marker's place is its angle, which is not shown.
@@ -277,4 +236,4 @@ def _camera(tracking: Tracking) -> Section:
     }
     caption = "Markers of the floor, and how well the fitted camera meets their corners; a dash: never seen"
     by_marker = Table(table, columns, caption, "floor-markers")
-    return Section("Lens and markers of the floor", (Text(words), figure, by_marker), wide=True)
+    return Section("Lens and markers of the floor", (Text(words), by_marker), wide=True)

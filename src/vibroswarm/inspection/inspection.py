@@ -12,7 +12,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import (
     InputError,
     check_choice,
@@ -30,6 +29,7 @@ from vibroswarm.inspection.laws import (
     known_from,
     law_for_session,
     law_named,
+    law_of_bits,
     law_of_recordings,
     law_of_scenario,
 )
@@ -39,7 +39,6 @@ from vibroswarm.inspection.scan import REPLICATES
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
 from vibroswarm.inspection.stopping import Question
 from vibroswarm.inspection.tile_map import any_but_still, kind_map, tile_map
-from vibroswarm.recordings.column_map import LARGEST_BYTES
 from vibroswarm.recordings.recording import Recording, read_result
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -95,7 +94,7 @@ class Inspection:
 
     @property
     def last_maps(self) -> pl.DataFrame:
-        """The last maps, as ``statistics.map_figures`` has them."""
+        """The last maps, as ``analysis.map_figures`` has them."""
         maps = self._maps_at(-1)
         return maps if maps.is_empty() else maps.drop("time_s")
 
@@ -289,7 +288,7 @@ def _samples_of(
         source = read_result(Path(source))
     if isinstance(source, Scenario):
         source = simulate(source, seed, [run])
-    law = _law_of(source, run, laws, spreads, draws)
+    law = _law_of(source, run, laws, spreads, draws, bits=bits)
     return samples_of_result(source, run, law, bits=bits, spread_m=spread_m)
 
 
@@ -304,7 +303,15 @@ def _refuse_given(values: dict[str, Any], words: str) -> None:
             raise InputError(f"leave it out: {words}", field=field)
 
 
-def _law_of(result: Result | None, run: int, laws: Laws, spreads: tuple[float, float], draws: int) -> Law:
+def _law_of(
+    result: Result | None,
+    run: int,
+    laws: Laws,
+    spreads: tuple[float, float],
+    draws: int,
+    *,
+    bits: bool = False,
+) -> Law:
     """Return the law by which samples are judged; ``result`` is None for a CSV, whose law must be given."""
     if any(spreads) and not (isinstance(laws, str) and laws.lower().endswith(".csv")):
         raise InputError(
@@ -318,7 +325,7 @@ def _law_of(result: Result | None, run: int, laws: Laws, spreads: tuple[float, f
     if laws:
         return law_of_recordings(laws, " of other recordings", draws)
     if isinstance(result, Recording):
-        return law_for_session(result, run, draws=draws)
+        return (law_of_bits if bits else law_for_session)(result, run, draws=draws)
     if result is None:
         raise InputError(
             "a CSV needs a law of the sensor: values measured where it vibrates and where not (kind,energy as CSV), a "
@@ -335,7 +342,6 @@ def _of_csv(
     floor: Floor | tuple[int, int] | None, draws: int,
 ) -> Samples:  # fmt: skip
     """Return the samples of a CSV of places and values."""
-    check_plain(path, LARGEST_BYTES, "a CSV of places and values")
     if size_m is None:
         raise InputError(
             "a CSV needs the size of the surface (in Python: size_m=(width, height))", field="--size"

@@ -45,7 +45,7 @@ from vibroswarm.inspection.samples import (
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.recordings.recording import Recording
-from vibroswarm.recordings.threshold import robot_clusters
+from vibroswarm.recordings.threshold import cluster_weights, robot_clusters
 from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import preset_names
@@ -71,6 +71,9 @@ SPLITS: Final = 3
 """How often they are split into halves at random; with fewer splits the level is kept less well."""
 FITTED: Final = (*FIELDS, *SPREADS)
 """Fields of the sensor that are fitted to sessions, in the order of ``law.draws``."""
+
+
+_BITS_SEED: Final = 23
 
 
 def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draws: int = DRAWS) -> Law:
@@ -117,8 +120,43 @@ def _sensor_of(base: Scenario, values: dict[str, float]) -> Any:
 
 def hash_of_run(result: Result, run: int) -> str:
     """Return the hash of the energies of one run or session (``session_hash``)."""
-    table = result.rows if isinstance(result, Recording) else result.observations
-    return session_hash(table.filter(pl.col("run") == run)["energy"].to_numpy())
+    of_run = pl.col("run") == run
+    seen = result.observations.filter(of_run)
+    measured = result.rows.filter(of_run) if isinstance(result, Recording) else seen
+    return session_hash(
+        (measured["energy"] if measured["energy"].count() else seen["observation"]).to_numpy()
+    )
+
+
+def law_of_bits(recording: Recording, run: int, *, draws: int = DRAWS) -> Law:
+    """Return how often bits are 1 on still and on vibrating tiles, in a recording's other sessions if there are any.
+
+    Args:
+        run: the session. draws: as in ``law_of_sessions``; robots are resampled.
+    Raises:
+        InputError: samples are on one kind of tile only.
+    """
+    rest = recording.observations.filter(pl.col("run") != run)
+    of = rest if rest.height else recording.observations
+    of = of.filter(pl.col("tile") >= 0)
+    vibrating = recording.floor(run).tiles.ravel()[of["tile"].to_numpy()] > 0
+    if vibrating.all() or not vibrating.any():
+        raise InputError("has samples on one kind of tile only; both are needed", field="the recording")
+    ones, robot = of["observation"].to_numpy().astype(float), robot_clusters(of)
+
+    def sensor_by(weight: Floats) -> Sensor:
+        rates = []
+        for on in (~vibrating, vibrating):
+            share = float((ones[on] @ weight[on] + 0.5) / (weight[on].sum() + 1.0))
+            rates.append((1.0 - share, share))
+        values = {"sensor.model": "confusion", "sensor.confusion.rates": tuple(rates)}
+        return recording.scenario.with_values(values).sensor
+
+    drawn = tuple(sensor_by(cluster_weights(_BITS_SEED, draw, 0, robot)) for draw in range(draws))
+    words = f"rates of bits on the known floor, of {'the other sessions' if rest.height else 'this session itself'}"
+    hashes = tuple(hash_of_run(recording, one) for one in of["run"].unique())
+    sensor = sensor_by(np.ones(ones.size))
+    return Law(sensor, words, "", hashes, tuple(Draw(one, one) for one in drawn), bits=True)
 
 
 def law_for_session(recording: Recording, run: int, *, draws: int = DRAWS) -> Law:

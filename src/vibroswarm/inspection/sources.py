@@ -14,7 +14,7 @@ import polars as pl
 from scipy.special import ndtr
 
 from vibroswarm.calibrate.camera import corrected
-from vibroswarm.core.numbers import count, duration, listed, number, percent, some, stated, whole
+from vibroswarm.core.numbers import count, listed, number, percent, some, stated, whole
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.laws import hash_of_run
@@ -30,8 +30,9 @@ from vibroswarm.inspection.samples import (
     session_hash,
 )
 from vibroswarm.observation.energy_model import energy_of
-from vibroswarm.recordings.assemble_recording import inside, longest_silence_s, rows_apart_s
-from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
+from vibroswarm.recordings.assemble_recording import inside, rows_apart_s
+from vibroswarm.recordings.log import SAMPLES as LOGGED
+from vibroswarm.recordings.read_tables import Read, Use, files_of, read_rows
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_fields import failing_sensors
@@ -225,17 +226,17 @@ def _vibrating(floor: Floor) -> Floor:
     return replace(floor, levels=np.minimum(floor.tiles, 1), changes=changes)
 
 
-LENGTHS: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-TIMES: Final = {"s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0}
-"""Units, and how many m or s each is."""
 SPREADS: Final = re.compile(r"(place_)?spread(_[xy])?(_[a-z]{1,2})?")
 """Names of columns that may have been meant as standard deviations of places."""
+_SCHEMA: Final = {
+    **{name: LOGGED[name] for name in ("robot", "time_s", "x_m", "y_m")},
+    "value": Use(pl.Float64, 0.0, 1e9, "a number from 0 to 1e9", also=("energy", "rms")),
+    "spread_m": LOGGED["place_spread_m"],
+}
 MOST_ROBOT: Final = 2**16 - 1
 """Largest number of a robot in ``SAMPLES``."""
 MOST_ROBOTS: Final = 1000
 """Most robots of a file: each takes about 0.1 s, and memory grows with their square."""
-LONG_S: Final = 3600.0
-"""After so long a time without a sample another inspection may have begun."""
 CORNER: Final = 0.01
 """Places within this share of width and height are in the corner, as are those in m where others are in mm."""
 CORNERED: Final = 0.05
@@ -248,8 +249,6 @@ UNEQUAL: Final = 0.9
 """Share of different values from which on values of another file that are equal are copies."""
 ENDS: Final = (-4.5, 4.5)
 """Ends of the values that a law knows, as standard normal quantiles."""
-VALUES: Final = ("value", "energy", "rms")
-"""Names of the column of values."""
 SURFACES: Final = ("floor", "plate", "surface", "run", "session")
 """Names of columns that say of which surface, or of which inspection, a row is."""
 
@@ -273,84 +272,86 @@ def samples_of_csv(
             has none.
         floor: grid of tiles; None: none is known. truth_known: whether it says which tiles vibrate.
     Raises:
-        InputError: the file cannot be read, a column is missing, places are in two units, spreads are given twice, or
-            there are too many robots.
+        InputError: the file cannot be read, a column is missing, spreads are given twice, or there are too many robots.
     """
-    _, table = table_of(text_of(path, "a CSV of places and values"), str(path))
-    by = _column_map(table.columns, path)
-    log = read_mapped(path, by)
-    if (robots := log.samples["robot"].n_unique()) > MOST_ROBOTS:
+    read = read_rows(files_of(path), _SCHEMA)
+    if "value" not in read.columns:
+        raise InputError("has no column 'value' (or energy, rms)", field=str(path))
+    robots = read.rows["robot"].unique()
+    if robots.len() > MOST_ROBOTS or (robots > MOST_ROBOT).any():
         raise InputError(
-            f"has {whole(robots)} different robots, not {whole(MOST_ROBOTS)} or fewer; if it numbers samples, leave "
-            "the column out",
+            f"has {whole(robots.len())} different robots, not {whole(MOST_ROBOTS)} or fewer with numbers up to "
+            f"{MOST_ROBOT}; if it numbers samples, leave the column out",
             field=f"{path}, robot",
         )
-    most = int(log.samples["robot"].max() or 0)  # type: ignore[arg-type]  # None: a single robot, without a number
-    if most > MOST_ROBOT:
+    for name in filter(SPREADS.fullmatch, map(str.lower, read.unread.columns)):
         raise InputError(
-            f"has a robot {most}; give robots numbers from 0 to {MOST_ROBOT}", field=f"{path}, robot"
+            "give one standard deviation of places, in x and in y, with its unit, such as spread_m",
+            field=f"{path}, {name}",
         )
-    spread = pl.col("place_spread_m").fill_null(spread_m)
-    frame = log.samples.select(
-        pl.col("robot").fill_null(0),
-        "time_s",
-        "x_m",
-        "y_m",
-        true_x_m=None,
-        true_y_m=None,
-        spread_x_m=spread,
-        spread_y_m=spread,
-        value="energy",
-    ).sort("time_s", "robot", "x_m", "y_m", "value")  # so that the order of rows does not matter
+    has_spreads = "spread_m" in read.columns
+    spread = pl.col("spread_m").fill_null(spread_m) if has_spreads else pl.lit(spread_m)
+    frame = (
+        read.rows.drop_nulls("value")
+        .select(
+            "robot",
+            "time_s",
+            "x_m",
+            "y_m",
+            true_x_m=None,
+            true_y_m=None,
+            spread_x_m=spread,
+            spread_y_m=spread,
+            value="value",
+        )
+        .sort("time_s", "robot", "x_m", "y_m", "value")
+    )  # so that the order of rows does not matter
     exact = (
         "taken as exact" if spread_m == 0.0 else f"with a standard deviation of {stated(1000 * spread_m)} mm"
     )
-    if "place_spread_m" in by.columns:
+    if has_spreads:
         if spread_m:
-            raise InputError(
-                f"leave it out: column '{by.columns['place_spread_m'].name}' has it", field="--spread-mm"
-            )
+            name = read.columns["spread_m"].name
+            raise InputError(f"leave it out: column '{name}' has it", field="--spread-mm")
         exact = "with their own standard deviations" if (frame["spread_x_m"] > 0.0).any() else exact
-    places, left_out = f"as the file has them, {exact}", log.tracks.height
+    places, left_out = f"as the file has them, {exact}", read.missing + read.rows["value"].null_count()
     found = _samples(
         frame, size_m, law, places, f"'{path.name}'", floor, False,
         truth_known=truth_known, own=session_hash(frame["value"].to_numpy()), left_out=left_out,
     )  # fmt: skip
-    doubts = _doubts_of_table(by, table, left_out)
-    rows = pl.concat([part.select("robot", "time_s") for part in (log.samples, log.tracks)])
-    times = _doubt_of_times(rows_apart_s(rows), longest_silence_s(rows))
-    return _with_doubts(found, *times, *doubts)
+    return _with_doubts(found, *_doubt_of_times(rows_apart_s(read.rows)), *_doubts_of_table(read, left_out))
 
 
-def _doubt_of_times(apart_s: float, silence_s: float = 0.0) -> Iterator[str]:
-    """Yield that times may not be in s, if the rows of a robot are far apart, or else that an inspection has a gap."""
+def _doubt_of_times(apart_s: float) -> Iterator[str]:
+    """Yield that times may not be in s, if the rows of a robot are far apart."""
     if apart_s:
         yield f"The rows of a robot are usually {stated(apart_s)} s apart, as if times were in a smaller unit."
-    elif silence_s > LONG_S:
-        yield f"No sample for {duration(silence_s)}; of several inspections of one surface give a file of each."
 
 
-def _doubts_of_table(by: ColumnMap, table: pl.DataFrame, left_out: int) -> Iterator[str]:
+def _doubts_of_table(read: Read, left_out: int) -> Iterator[str]:
     """Yield that columns may say which robot took the samples, or of which surface; and that values are missing.
 
     Args:
         left_out: rows without a value.
     """
-    read = {column.name for column in by.columns.values()}
-    unread = [name for name in table.columns if name not in read]
-    if by.columns["robot"].times == 0.0 and unread:
-        names = some([f"'{name}'" for name in unread], 12)
+    if "robot" not in read.columns and read.unread.width:
+        names = some([f"'{name}'" for name in read.unread.columns], 12)
         yield f"Without a column 'robot' all samples count as one robot's; not read: {names}."
-    different = {name: table[name].drop_nulls().n_unique() for name in unread if name.lower() in SURFACES}
-    several = [f"column '{name}' with {many} values" for name, many in different.items() if many > 1]
+    different = {name: read.unread[name].drop_nulls().n_unique() for name in read.unread.columns}
+    several = [
+        f"column '{name}' with {many} values"
+        for name, many in different.items()
+        if many > 1 and name.lower() in SURFACES
+    ]
     if several:
         yield (
             f"Not read: {listed(several)}; all rows count as samples of one inspection of one surface: give a file of "
             "each."
         )
-    if left_out > WITHOUT * table.height:
+    rows = left_out + read.rows["value"].count()
+    if left_out > WITHOUT * rows:
         yield (
-            f"{left_out} of {table.height} rows have no value: if a sensor gives none where it vibrates strongly, "
+            f"{left_out} of {rows} rows have no value: if a sensor gives none where it vibrates strongly, "
             "damage is missed; leave out rows between samples."
         )
 
@@ -437,63 +438,6 @@ def _doubts_of_values(law: Law, value: Floats, judges_itself: bool) -> Iterator[
             f"{beyond} of {value.size} values are outside of those of the law, {number(low, digits=3)} to "
             f"{number(high, digits=3)}, as if they were in another unit."
         )
-
-
-def _column_map(names: list[str], path: Path) -> ColumnMap:
-    """Return how to read a CSV from the names of its columns, whose ends are units."""
-    found: dict[str, Column] = {}
-    lower = {
-        name: re.sub(r" \(\d+\)$", "", name.lower()) for name in names
-    }  # names that are repeated have numbers
-    for use, units, column in (("time", TIMES, "time_s"), ("x", LENGTHS, "x_m"), ("y", LENGTHS, "y_m")):
-        fitting = [
-            (name, match[1]) for name, word in lower.items() if (match := re.fullmatch(rf"{use}_(\w+)", word))
-        ]
-        if not fitting:
-            raise InputError(
-                f"has no column for {use} with its unit, such as {column} (units: {', '.join(units)}); "
-                f"it has {some(names, 12)}",
-                field=str(path),
-            )
-        _refuse_two(use, [name for name, _ in fitting], path)
-        name, unit = fitting[0]
-        if unit not in units:
-            raise InputError(
-                f"'{unit}' is not a unit of {use}; use {', '.join(units)}", field=f"{path}, {name}"
-            )
-        found[column] = Column(name, times=units[unit])
-    x, y = (lower[found[name].name].rpartition("_")[2] for name in ("x_m", "y_m"))
-    if x != y:
-        raise InputError(f"has x in {x} and y in {y}; give both in one unit", field=str(path))
-    values = [name for name, word in lower.items() if word in VALUES]
-    if len(values) != 1:
-        raise InputError(
-            f"needs one column of values, named {' or '.join(VALUES)}; it has {some(names, 12)}",
-            field=str(path),
-        )
-    found["energy"] = Column(values[0])
-    spreads = [name for name, word in lower.items() if SPREADS.fullmatch(word)]
-    for name in spreads:
-        unit = lower[name].removeprefix("spread_")
-        if unit not in LENGTHS:
-            raise InputError(
-                "give one standard deviation of places, in x and in y, with its unit, such as spread_m (units: "
-                f"{', '.join(LENGTHS)})",
-                field=f"{path}, {name}",
-            )
-        found["place_spread_m"] = Column(name, times=LENGTHS[unit])
-    _refuse_two("spread", spreads, path)
-    robots = [name for name, word in lower.items() if word == "robot"]
-    _refuse_two("robot", robots, path)
-    # Without a column of robots, any column of numbers stands for it, times 0: all samples are of robot 0.
-    found["robot"] = Column(robots[0]) if robots else Column(found["x_m"].name, times=0.0)
-    return ColumnMap("places and values", found)
-
-
-def _refuse_two(use: str, names: Sequence[str], path: Path) -> None:
-    """Refuse two columns for one use."""
-    if len(names) > 1:
-        raise InputError(f"has {use} in two columns: {' and '.join(names)}; leave one", field=str(path))
 
 
 def grid_of(rows: int, columns: int, size_m: tuple[float, float]) -> Floor:

@@ -6,7 +6,7 @@
 | jump | a position too far from those before and after it, which was dropped |
 | unexpected | a marker was seen that is in no list: it moves, or it never does and is likely no marker |
 | small | a robot's marker is too small to be read well |
-| floor | a marker of the floor is not at the place that the file of markers gives, moved, or was not seen |
+| floor | a marker of the floor is not at the place that the file of markers gives, or was not seen |
 
 A robot is called by its name, the number that it has in the log.
 """
@@ -21,10 +21,9 @@ import numpy as np
 
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import number, stated
-from vibroswarm.tracking.camera import outwards, square_errors
+from vibroswarm.tracking.camera import outwards
 from vibroswarm.tracking.marker_detection import edge_lengths
-from vibroswarm.tracking.picture_quality import SMALL_PX
-from vibroswarm.tracking.track import Tracking
+from vibroswarm.tracking.track import SMALL_PX, Tracking
 
 FLOOR_PX: Final = 1.0
 """A floor marker with a larger error of its corners (root mean square, px) is not where the file has it."""
@@ -68,7 +67,7 @@ class Doubt:
 def doubts_of(tracking: Tracking) -> list[Doubt]:
     """Return what is doubtful in a tracking, in the order of ``TITLES``; doubts of a kind by descending weight."""
     found = [
-        *_gaps(tracking), *_dropped(tracking), *_unexpected(tracking), *_floor(tracking), *_floor_moved(tracking),
+        *_gaps(tracking), *_dropped(tracking), *_unexpected(tracking), *_floor(tracking),
         *_floor_never_seen(tracking), *_small(tracking),
     ]  # fmt: skip
     order = list(TITLES)
@@ -128,25 +127,6 @@ def _floor(tracking: Tracking) -> Iterator[Doubt]:
         yield Doubt("floor", words, weight=error)
 
 
-def _floor_moved(tracking: Tracking) -> Iterator[Doubt]:
-    """Yield a doubt for each floor marker that moved while the others did not; none if the camera moves."""
-    if tracking.camera_moves():
-        return
-    seen = tracking.detections
-    for marker, shifts in seen.floor_shifts_px().items():
-        away = {frame: shift for frame, shift in shifts.items() if shift > FLOOR_PX}
-        if not away:
-            continue
-        farthest, frame = max(away.values()), min(away)
-        time_s = float(seen.time_s[frame])
-        words = (
-            f"Marker {marker} of the floor was seen up to {number(farthest, 1)} px "
-            f"({number(farthest * mm_per_px(tracking), 1)} mm) from its usual place in {len(away)} of {len(shifts)} "
-            f"frames, first at {number(time_s, 1)} s."
-        )
-        yield Doubt("floor", words, time_s=time_s, weight=farthest)
-
-
 def _floor_never_seen(tracking: Tracking) -> Iterator[Doubt]:
     """Yield one doubt about all markers of the floor that were never seen; none if all were seen."""
     missing = [marker for marker in tracking.markers.floor if marker not in tracking.detections.floor_px]
@@ -203,24 +183,6 @@ def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
             corners = tracking.camera.at_height(sharp_corners(tracking, own), tracking.markers.height_m)
             found[name] = float(np.median(edge_lengths(corners)))
     return found
-
-
-def square_residuals(tracking: Tracking, most: int = 400) -> tuple[Floats, Floats]:
-    """Return where robots' markers were seen, and how far their corners are from squares of the median size.
-
-    There is at least one detection: ``marker_detection.detect`` refuses a video without any.
-
-    Args:
-        most: how many detections are taken at most.
-    Returns: centres, (detections, 2), px, and root mean square errors of their corners, (detections,), mm.
-    """
-    seen = tracking.detections.corners_px
-    corners_px = seen[np.isfinite(seen).all(axis=(2, 3))]
-    # Every n-th detection. As n is rounded down, up to twice ``most`` are left; the last ones are then cut off.
-    corners_px = corners_px[:: max(len(corners_px) // most, 1)][:most]
-    corners = tracking.camera.at_height(corners_px, tracking.markers.height_m)
-    errors = square_errors(corners, float(np.median(edge_lengths(corners))))
-    return corners_px.mean(axis=1), 1000 * np.sqrt((errors**2).sum(axis=2).mean(axis=1))
 
 
 def mm_per_px(tracking: Tracking) -> float:

@@ -1,4 +1,4 @@
-"""Pictures of a tracking: paths over the floor, when each robot was seen, and errors of the clock and of the lens.
+"""Pictures of a tracking: paths over the floor, and when each robot was seen.
 
 Each function returns a ``Picture``: the figure, the numbers that it shows as a table, and a caption.
 """
@@ -11,11 +11,10 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.arrays import Floats
-from vibroswarm.core.numbers import count, number, stated, verb
-from vibroswarm.plots.layout import legend_below, new_figure, plain_axes, rows_of, to_scale
+from vibroswarm.core.numbers import count, stated, verb
+from vibroswarm.plots.layout import legend_below, new_figure, rows_of, to_scale
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, INK, LINE, SERIES_UP_TO, Look, Style, look, style_named
+from vibroswarm.plots.style import FAINT, INK, LINE, SERIES_UP_TO, Look, look, style_named
 from vibroswarm.tracking.track import GAP_S
 
 DRAWN_S: Final = 0.2
@@ -188,113 +187,3 @@ def draw_time_line(
         "mark what else is doubtful."
     )
     return Picture(rows.figure, pl.DataFrame(numbers, schema=schema, orient="row"), caption, style)
-
-
-@drawn
-def draw_clock(matched: pl.DataFrame, *, style: str = "page") -> Picture:
-    """Draw how much later than expected samples were taken, after the clocks were matched.
-
-    A sample is expected one control period before the end of its stop.
-
-    Args:
-        matched: ``stops.SAMPLES_MATCHED``.
-    Returns: the picture; its numbers are the rows of ``matched`` that have a stop whose end was seen.
-    """
-    sizes = style_named(style)
-    paired = matched.drop_nulls("residual_s")
-    robots = sorted(paired["robot"].unique().to_list())
-    looks = looks_for(robots)
-    names = [f"robot {robot}" for robot in robots]
-    figure, axes = plain_axes(sizes, "time in the video (s)", "sample later than expected (ms)")
-    axes.axhline(0.0, color=FAINT, lw=sizes.line_pt)
-    handles = [
-        _points(axes, sizes, paired.filter(pl.col("robot") == robot), looks[robot]) for robot in robots
-    ]
-    legend_below(figure, sizes, handles, names)
-    caption = (
-        f"Each of the {paired.height} samples that match a stop, on the fitted clock. A robot is expected to sample "
-        "one control period before its stop ends: this is 0. A slope means that the log's clock runs faster or slower "
-        "than the video's; a robot away from the others has a clock of its own."
-    )
-    return Picture(figure, paired, caption, style)
-
-
-def _points(axes: Any, sizes: Style, own: pl.DataFrame, robot_look: Look) -> Any:
-    """Draw the residuals, ms, of one robot's samples over time; return the handle for the legend."""
-    (handle,) = axes.plot(
-        own["time_s"].to_numpy(), 1000 * own["residual_s"].to_numpy(), ls="", marker=robot_look.marker,
-        color=robot_look.colour, ms=sizes.marker_pt, fillstyle="none" if robot_look.hollow else "full",
-    )  # fmt: skip
-    return handle
-
-
-@drawn
-def draw_lens(
-    size_px: tuple[int, int],
-    floor_px: Mapping[int, Floats],
-    residuals_px: Mapping[int, Floats],
-    robots_px: Floats,
-    robot_errors_mm: Floats,
-    *,
-    style: str = "page",
-) -> Picture:
-    """Draw the errors of the fitted camera at the places in the image where markers were seen.
-
-    Each corner of a floor marker has an arrow, magnified, in the direction from where the fitted camera has the corner
-    to where it was seen. Each detection of a robot's marker has a circle that grows with its error.
-
-    Args:
-        size_px: width and height of the image.
-        floor_px: corners of each floor marker as seen, (4, 2), by its number.
-        residuals_px: errors of these corners (``doubts.floor_residuals``), (4, 2), by the marker's number.
-        robots_px: centres of robots' markers in several frames (``doubts.square_residuals``), (detections, 2).
-        robot_errors_mm: root mean square distance of the corners of each from those of a square, (detections,).
-    Returns: the picture; its numbers are ``what, marker, x_px, y_px, error``. ``what`` is floor (a row per corner; the
-        error is in px) or robot (a row per detection; the marker is null, and the error is in mm).
-    """
-    sizes = style_named(style)
-    width, height = size_px
-    figure = new_figure(sizes)
-    axes: Any = figure.add_subplot()
-    axes.set(xlabel="across the picture (px)", ylabel="down the picture (px)")
-    # The area of a circle (points^2) grows with the error of the marker, up to an error of 2 mm.
-    dots = axes.scatter(
-        robots_px[:, 0], robots_px[:, 1], s=8.0 + 60.0 * np.minimum(robot_errors_mm, 2.0), marker="o",
-        facecolors="none", edgecolors=FAINT, linewidths=0.6,
-    )  # fmt: skip
-    rows: list[tuple[str, int | None, float, float, float]] = [  # rows of the picture's numbers
-        ("robot", None, float(x), float(y), float(error_mm))
-        for (x, y), error_mm in zip(robots_px, robot_errors_mm, strict=True)
-    ]
-    largest = max(
-        (float(np.linalg.norm(errors, axis=1).max()) for errors in residuals_px.values()), default=1.0
-    )
-    # The longest arrow takes 6 % of the width. The maximum avoids a division by 0 if all errors are 0.
-    magnified = 0.06 * width / max(largest, 1e-9)
-    for marker, corners in floor_px.items():
-        error = residuals_px[marker]
-        axes.quiver(
-            corners[:, 0], corners[:, 1], error[:, 0] * magnified, error[:, 1] * magnified, angles="xy",
-            scale_units="xy", scale=1, color=INK, width=0.003,
-        )  # fmt: skip
-        rows += [
-            ("floor", marker, float(x), float(y), float(np.hypot(*e)))
-            for (x, y), e in zip(corners, error, strict=True)
-        ]
-    axes.set(xlim=(0, width), ylim=(height, 0), aspect="equal")
-    legend_below(figure, sizes, [dots], ["robot's marker; larger: less square"])
-    to_scale(figure, sizes, [axes], height / width)
-    schema = {
-        "what": pl.String,
-        "marker": pl.Int64,
-        "x_px": pl.Float64,
-        "y_px": pl.Float64,
-        "error": pl.Float64,
-    }
-    caption = (
-        "Arrows: corners of the floor's markers, from where the fitted camera has them to where they were seen, "
-        f"{number(magnified, 0)} times as long (longest: {number(largest, 2)} px). Circles: robots' markers; "
-        f"larger ones are less "
-        "square. Circles that grow towards the edge are a lens that does not fit there."
-    )
-    return Picture(figure, pl.DataFrame(rows, schema=schema, orient="row"), caption, style)
