@@ -299,7 +299,20 @@ def spectrum(
     groups = tuple(part.strip() for part in by.split(",") if part.strip())
     for group in groups:
         check_choice(group, "--by", get_args(Group))
-    claim(output, "lab spectrum", str(acceleration), rate, signal_ms, stop_s, unit, axis, by, size, tiles, motors)
+    claim(
+        output,
+        "lab spectrum",
+        str(acceleration),
+        rate,
+        signal_ms,
+        stop_s,
+        unit,
+        axis,
+        by,
+        size,
+        tiles,
+        motors,
+    )
     found = spectra_of(
         acceleration,
         rate_hz=rate,
