@@ -12,8 +12,6 @@ function draw(now = performance.now()) {
   drawVerdict(state.t);
   drawPlayer(state);
   drawLoop(state.loop);
-  drawZoom();
-  recordFrame(state.t);
   if (state.playing && now - lastText < LIVE_TEXT_MS) return;
   lastText = now;
   drawCards(state.t, state.followed); // with the table, so that both show one moment
@@ -195,14 +193,6 @@ function open() {
   byId("next-event").addEventListener("click", () => seek(nextEvent(state.t)));
   byId("previous-event").addEventListener("click", () => seek(previousEvent(state.t)));
   byId("loop").addEventListener("click", actions.loop);
-  buildZoom(() => {
-    layOutZoom();
-    askForFrame();
-  }, () => {
-    const pose = state.followed && poseAt(state.followed, state.t);
-    return pose ? { x: arena.view.x(pose.x), y: arena.view.y(pose.y) } : null;
-  });
-  buildExport(() => state.t, play, pause);
   watchKeys(actions);
   watchArena(() => state.t, () => state.followed, follow);
   watchBelief();
