@@ -8,9 +8,8 @@ from __future__ import annotations
 import gc
 import os
 import sys
-import traceback
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from typing import Final
 
 from vibroswarm.errors import InputError, RunError
@@ -65,7 +64,7 @@ def _command(words: Sequence[str]) -> int:
     command, rest = commands.command_in(words)
     values = vars(command.parser().parse_args(rest))
     terminal.printing = group_of(Common, values)
-    trust = nullcontext()
+    trust: AbstractContextManager[None] = nullcontext()
     if terminal.printing.trust:
         from vibroswarm.scenario import plugins
 
@@ -81,6 +80,8 @@ def _failed(message: str, code: int) -> int:
     from vibroswarm.cli import terminal
 
     if terminal.printing.verbose:
+        import traceback
+
         traceback.print_exc()
     terminal.say(f"vibroswarm: {message}")
     return code

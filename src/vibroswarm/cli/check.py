@@ -55,9 +55,7 @@ def _kind_and_name(kind: str | None, text: str) -> tuple[str, str]:
     if plugins.is_code(text):
         loaded = plugins.load_file(kind, text)
         return str(plugins.kind_of(loaded)), plugins.name_in(text)
-    for one in CHECKS:
-        plugins.load_installed(one, text)
-    known = {one: plugins.KINDS[one].known() for one in CHECKS if kind in (None, one)}
+    known = {one: plugins.known_for(one, text) for one in CHECKS if kind in (None, one)}
     kinds = [one for one, names in known.items() if text in names]
     if len(kinds) != 1:
         similar = nearest(text, [name for names in known.values() for name in names])

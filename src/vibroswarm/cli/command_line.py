@@ -74,7 +74,7 @@ class Parameter(NamedTuple):
     name: str
     kind: Any
     """Its type, without ``None`` and ``Annotated``."""
-    option: Option | None
+    option: Option
     default: Any
     place: Any
     """As ``inspect.Parameter.kind``: options are keywords, arguments of the command line are positional."""
@@ -86,7 +86,7 @@ def parameters_of(command: Callable[..., Any]) -> list[Parameter]:
     found = []
     for name, parameter in inspect.signature(command).parameters.items():
         kind, *notes = get_args(hints[name]) if get_origin(hints[name]) is Annotated else (hints[name],)
-        option = next((note for note in notes if isinstance(note, Option)), None)
+        option = next((note for note in notes if isinstance(note, Option)), Option(""))
         if NoneType in get_args(kind):
             (kind,) = set(get_args(kind)) - {NoneType}
         found.append(Parameter(name, kind, option, parameter.default, parameter.kind))

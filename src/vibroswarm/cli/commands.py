@@ -59,7 +59,7 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
     "compare and search": (
         Command("league", "compare strategies on equal terms: time at equal error", "league:league"),
         Command(
-            "detect", "how many robots and how much time for few misses and false alarms", "detect:detect"
+            "detect", "how many robots and how much time for few misses and false alarms", "studies:detect"
         ),
         Command("optimize", "search for good parameters", "optimize:optimize"),
         Command("optimize sensitivity", "find which fields matter (Sobol indices)", "optimize:sensitivity"),
@@ -95,7 +95,7 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
         Command(
             "list", "list strategies, networks, sensors, motions, tasks, presets or floors", "known:known"
         ),
-        Command("scenario", "write a scenario as TOML, with every field", "scenario:scenario"),
+        Command("scenario", "write a scenario as TOML, with every field", "scenario_options:scenario"),
         Command("floors", "show, measure and make floors"),
         Command("floors show", "draw a floor in the terminal or to a file", "floors:show"),
         Command("floors measure", "measure fill ratio, Moran index, entropy and clusters", "floors:measure"),

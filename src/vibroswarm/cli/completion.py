@@ -6,7 +6,6 @@ from typing import Annotated, Any, Literal
 
 from vibroswarm.cli.command_line import Option, Parser, fill
 from vibroswarm.cli.option_values import path
-from vibroswarm.errors import RunError
 
 
 def completion(
@@ -14,17 +13,17 @@ def completion(
 ) -> None:
     """Print a script for a shell that completes commands, options and files. Install it again after an update.
 
+    It needs the package shtab (pip install shtab).
+
     examples:
       vibroswarm completion bash > ~/.local/share/bash-completion/completions/vibroswarm
       vibroswarm completion zsh > ~/.zfunc/_vibroswarm      with 'fpath+=~/.zfunc' before 'compinit' in ~/.zshrc
       vibroswarm completion fish > ~/.config/fish/completions/vibroswarm.fish
     """
+    import shtab
+
     from vibroswarm.cli.commands import COMMANDS, COMMON, tasks_of, top_parser
 
-    try:
-        import shtab
-    except ImportError:
-        raise RunError("needs the package shtab: pip install shtab") from None
     top = top_parser()
     below: dict[str, Any] = {"": top.add_subparsers(metavar="COMMAND", parser_class=Parser)}
     for words, command in COMMANDS.items():

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import webbrowser
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli import old_documents, terminal
 from vibroswarm.cli.options import Paged
-from vibroswarm.core.folders import REPORT
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -21,7 +19,7 @@ def deliver(
     output: Paged,
     tables: Mapping[str, DataFrame] | None = None,
     also: Callable[[Path], object] | None = None,
-    page: str = REPORT,
+    page: str = "report.html",
     **options: Any,
 ) -> None:
     """Print the report of a result; save it and tables in the folder of ``--out``, which is claimed already.
@@ -44,12 +42,19 @@ def deliver(
     if old_documents.is_old(report):
         old_documents.save(report, output, page)
     else:
-        save(report, output.out, page=page == REPORT and not getattr(output, "no_pictures", False))
+        save(report, output.out, page=page == "report.html" and not getattr(output, "no_pictures", False))
         if getattr(output, "pictures", False):
             save_pictures(report, output.out)
     terminal.report(f"Saved in {output.out}; page: {page}")
     if output.open:
-        webbrowser.open((output.out / page).absolute().as_uri())
+        open_page(output.out / page)
+
+
+def open_page(page: Path) -> None:
+    """Open a page in the browser."""
+    import webbrowser  # here, as other imports that help need not wait for
+
+    webbrowser.open(page.absolute().as_uri())
 
 
 def print_report(result: object, *, as_json: bool = False, **options: Any) -> None:

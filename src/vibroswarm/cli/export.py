@@ -53,11 +53,11 @@ def check(
     example:
       vibroswarm export check robot --strategy soft
     """
-    from vibroswarm.documents.export import differences_document
     from vibroswarm.export.assembly import parts_of
     from vibroswarm.export.parameters import differences, read_header
+    from vibroswarm.report.export import of_differences
 
     made = scenario_from(scenario)
     different = differences(read_header(folder), made, parts_of(made))
-    print_report(differences_document(str(folder), different), as_json=json)
+    print_report(of_differences(str(folder), different), as_json=json)
     return 1 if different else 0

@@ -7,7 +7,6 @@ import sys
 from typing import Any
 
 from vibroswarm.cli import terminal
-from vibroswarm.core.folders import PICTURES, REPORT
 
 
 def report_of(result: Any, **options: Any) -> Any:
@@ -45,6 +44,7 @@ def show(document: Any, as_json: bool) -> None:
 
 def save(document: Any, output: Any, page: str) -> None:
     """Write the page of a document, unless there is another, and pictures."""
+    from vibroswarm.core.folders import PICTURES, REPORT
     from vibroswarm.documents.saved import save as save_document
     from vibroswarm.show.document import without_pictures
     from vibroswarm.show.figures import write_figures

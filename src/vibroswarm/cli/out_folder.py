@@ -37,23 +37,18 @@ def claim(output: Any, command: str, *settings: object) -> None:
         return
     digest = hashlib.sha256(repr(settings).encode()).hexdigest()[:16]
     begun, text = folder / BEGUN, json.dumps({"command": command, "settings": digest})
-    if folder.exists() and any(path.name != RUNS for path in folder.iterdir()):
-        if not begun.is_file():
-            raise InputError("holds something else; give another --out", field=str(folder))
-        if begun.read_text(encoding="utf-8") != text:
-            _clear(folder, output.force)
+    others = [path for path in folder.iterdir() if path.name != RUNS] if folder.exists() else []
+    if others and not begun.is_file():
+        raise InputError("holds something else; give another --out", field=str(folder))
+    if others and begun.read_text(encoding="utf-8") != text:
+        if not output.force:
+            raise InputError(
+                "holds results of another command or other settings; give another --out, or add --force to replace "
+                "them",
+                field=str(folder),
+            )
+        for path in others:
+            remove = shutil.rmtree if path.is_dir() else Path.unlink
+            remove(path)
     make_folder(folder)
     write_file(begun, text)
-
-
-def _clear(folder: Path, force: bool) -> None:
-    if not force:
-        raise InputError(
-            "holds results of another command or other settings; give another --out, or add --force to replace them",
-            field=str(folder),
-        )
-    for path in folder.iterdir():
-        if path.is_dir() and path.name != RUNS:
-            shutil.rmtree(path)
-        elif path.is_file():
-            path.unlink()

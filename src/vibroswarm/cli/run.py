@@ -7,7 +7,6 @@ from vibroswarm.cli.options import Drawn, Simulated
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import scenario_from
-from vibroswarm.core.folders import REPORT
 
 
 def run(*, scenario: Simulated, output: Drawn) -> None:
@@ -36,4 +35,4 @@ def run(*, scenario: Simulated, output: Drawn) -> None:
         result.write_into(out)
         if has_page:
             write_run_page(result, out / "run.html")
-    deliver(result, output, page="run.html" if has_page else REPORT)
+    deliver(result, output, page="run.html" if has_page else "report.html")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 from typing import Annotated, Final
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_report
+from vibroswarm.cli.deliver import open_page, print_report
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Json
 
@@ -29,13 +28,10 @@ def show(
       vibroswarm show out/league --open
       vibroswarm show mine.toml        a scenario: what differs from preset paper
     """
-    from vibroswarm.cli.floors import in_terminal
-    from vibroswarm.documents.shown_file import file_document, shown_folder
+    from vibroswarm.report.file import of_path
 
-    documents = shown_folder(path).documents if path.is_dir() else (file_document(path, in_terminal),)
-    for document in documents[-1:] if json else documents:
-        print_report(document, as_json=json)
+    print_report(of_path(path), as_json=json)
     if open:
         pages = [path / name for name in PAGES if (path / name).is_file()]
         refuse(not pages, str(path), "has no page to open")
-        webbrowser.open(pages[0].absolute().as_uri())
+        open_page(pages[0])

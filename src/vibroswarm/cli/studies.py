@@ -1,19 +1,21 @@
-"""``vibroswarm evaluate``: many runs of one scenario, or of several side by side; and how commands run studies."""
+"""Commands that run studies: ``vibroswarm evaluate`` and ``vibroswarm detect``."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import deliver
-from vibroswarm.cli.option_values import refuse
-from vibroswarm.cli.options import Drawn, Paged, Parts, Simulated
+from vibroswarm.cli.option_values import refuse, share
+from vibroswarm.cli.options import Drawn, Paged, Parts, Seed, Simulated, SwarmOptions, Tiles
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import STAGES, say_compiling
 from vibroswarm.cli.scenario_options import keywords_of, warn_of
 from vibroswarm.cli.terminal import report
+from vibroswarm.errors import named
 
 if TYPE_CHECKING:
     from vibroswarm.study.runs import Runs
@@ -85,11 +87,8 @@ def evaluate(
     if done is None:
         return
     outcome = outcome_of(done, reference)
-    result, tables = outcome, outcome.tables
-    if objective is not None:
-        result, scores = _scored(done, objective, execution, outcome)
-        tables = {**tables, "scores": scores}
-    deliver(result, output, tables)
+    scores = None if objective is None else _scored(done, objective, execution)
+    deliver(outcome, output, scores=scores)
 
 
 def _objective_of(cost: str) -> Any:
@@ -98,14 +97,78 @@ def _objective_of(cost: str) -> Any:
     return Objective(cost)
 
 
-def _scored(runs: Runs, objective: Any, execution: Parts, outcome: Any) -> tuple[Any, Any]:
-    from vibroswarm.cli.old_documents import document_of
-    from vibroswarm.documents.cell_scores import with_scores
+def _scored(runs: Runs, objective: Any, execution: Parts) -> Any:
     from vibroswarm.search.cell_scores import scores_of, with_fresh_runs
 
     with STAGES.runs("scoring on fresh runs") as progress:
-        scores = with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
-    return with_scores(document_of(outcome), scores), scores.table
+        return with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
+
+
+@dataclass(kw_only=True)
+class Inspected(SwarmOptions):
+    """A scenario of random floors, and its seed."""
+
+    tiles: Tiles = None
+    seed: Seed = 1
+
+
+def detect(
+    *,
+    more_than: Annotated[
+        float | None,
+        Option(
+            "the question: does more than this share of the tiles vibrate? (default: the scenario's)",
+            "P%",
+            read=share,
+        ),
+    ] = None,
+    fills: Annotated[
+        tuple[float, ...] | None,
+        Option(
+            "fill ratios of random floors (default: around the boundary)",
+            "F,...",
+            low=0,
+            high=1,
+        ),
+    ] = None,
+    error: Annotated[float, Option("tolerated probability of a miss (default 5%)", "P%", read=share)] = 0.05,
+    false_alarms: Annotated[
+        float | None,
+        Option("tolerated probability of a false alarm (default: as --error)", "P%", read=share),
+    ] = None,
+    boundary_of: Annotated[
+        Literal["tiles", "readings"] | None,
+        Option(
+            "tiles (default): robots allow for their sensor's errors; readings: they ignore them, as in the paper",
+            "WHAT",
+        ),
+    ] = None,
+    runs: Annotated[int, Option("runs per cell")] = 300,
+    scenario: Inspected,
+    execution: Parts,
+    output: Drawn,
+) -> None:
+    """Estimate how often floors above a boundary are missed and floors below it raise a false alarm.
+
+    Says how many robots, and how much time, make both rare enough. Without --robots, the scenario's number and two
+    larger ones are tried.
+
+    examples:
+      vibroswarm detect                                             more than half? fill ratios 0.24 to 0.76
+      vibroswarm detect --more-than 3% --tiles 10x10
+      vibroswarm detect --robots 5,10,20 --error 10% --out out/detect
+      vibroswarm detect --false-alarms 1% --boundary-of readings    robots that ignore their sensor's errors
+    """
+    from vibroswarm.study.detection import detection_of, detection_study
+    from vibroswarm.study.options import detection_scenario
+
+    base = detection_scenario(more_than, boundary_of, **keywords_of(scenario))
+    with named("--fills", of="floor.source"):
+        study = detection_study(base, scenario.robots, fills, runs, scenario.seed)
+    runs_done = run_parts(study, execution, output, "detect")
+    if runs_done is not None:
+        detection = detection_of(runs_done, error, false_alarms)
+        deliver(detection, output)
 
 
 def run_parts(study: Study, execution: Parts, output: Paged, command: str) -> Runs | None:

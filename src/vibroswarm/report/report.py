@@ -35,6 +35,8 @@ class Figure:
 
     draw: Callable[[], Picture]
     title: str
+    folded: bool = False
+    """Whether a page shows it only on request."""
 
     @cached_property
     def picture(self) -> Picture:

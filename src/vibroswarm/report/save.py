@@ -16,13 +16,18 @@ from vibroswarm.report.report import Report, Table
 
 DATA: Final = "report.json"
 """Name of the file with what a report says; it is written last."""
+LAYOUT: Final = ("title", "caption", "titles", "folded")
 TEXTS: Final = ("title", "answer", "setting", "warnings", "made_by")
 
 
 def data(report: Report) -> dict[str, Any]:
     """Return a report for JSON, its tables row by row; numbers that are not finite are None."""
     tables = {name: table.frame.to_dicts() for name, table in report.tables.items()}
-    return _finite({**{name: getattr(report, name) for name in TEXTS}, "tables": tables})  # type: ignore[no-any-return]
+    layouts = {
+        name: {field: getattr(table, field) for field in LAYOUT} for name, table in report.tables.items()
+    }
+    texts = {name: getattr(report, name) for name in TEXTS}
+    return _finite({**texts, "tables": tables, "layouts": layouts})  # type: ignore[no-any-return]
 
 
 def read(path: Path) -> Report:
@@ -31,7 +36,7 @@ def read(path: Path) -> Report:
     texts = {name: tuple(values[name]) for name in ("answer", "warnings")}
     folder = path.parent
     parts = {
-        name: Table(_frame(folder / f"{name}.parquet", rows), name.replace("_", " ").capitalize())
+        name: Table(_frame(folder / f"{name}.parquet", rows), **values["layouts"][name])
         for name, rows in values["tables"].items()
     }
     return Report(values["title"], parts=parts, setting=values["setting"], made_by=values["made_by"], **texts)

@@ -456,8 +456,8 @@ FIGURES: Final = (
     RunFigure(
         "swarm_wrong", "swarms wrong", lambda s: s.ended("wrong", True), "runs", better=-1, of_decisions=True
     ),
-    RunFigure("swarm_split", "split", lambda s: s.ended("split"), "runs"),
-    RunFigure("swarm_incomplete", "incomplete", lambda s: s.ended("incomplete"), "runs"),
+    RunFigure("swarm_split", "swarms split", lambda s: s.ended("split"), "runs"),
+    RunFigure("swarm_incomplete", "swarms undecided", lambda s: s.ended("incomplete"), "runs"),
     RunFigure(
         "swarm_truth_undefined", "without a right answer", lambda s: s.ended("truth_undefined"), "runs"
     ),
