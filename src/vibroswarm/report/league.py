@@ -11,7 +11,7 @@ import polars as pl
 from vibroswarm.core.numbers import count, listed, number, percent
 from vibroswarm.league.fronts import LEVELS, guess_level
 from vibroswarm.league.play import League, Standings
-from vibroswarm.plots.error_bars import draw_error_bars
+from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.picture import Picture
 from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.simulation import versions
@@ -95,12 +95,7 @@ def _with_asterisks(fronts: pl.DataFrame) -> pl.DataFrame:
 
 
 def _front(standings: pl.DataFrame) -> Picture:
-    ends = {"estimate": "", "low": "_low", "high": "_high"}
-    return draw_error_bars(
-        standings.sort("decision_time_s")
-        .select(x="decision_time_s", series="strategy", **{k: f"forced_error{v}" for k, v in ends.items()})
-        .unique(["x", "series"], maintain_order=True),
-        x_label="decision time (s)",
-        label="forced error",
-        percent=True,
-    )
+    columns = {"time": "decision_time_s", "error": "forced_error"}
+    limits = {f"{to}{end}": f"{name}{end}" for to, name in columns.items() for end in ("", "_low", "_high")}
+    points = standings.select("name", "strategy", **limits)
+    return draw_front(points, series="strategy", error_label="forced error", percent=True)
