@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import deliver
@@ -67,7 +67,7 @@ def league(
     *,
     runs: Annotated[int, Option("runs per floor and size")] = 300,
     by: Annotated[
-        tuple[str, ...],
+        tuple[Literal["floor", "robots"], ...],
         Option("also standings of each floor, of each swarm size, or of both", "floor,robots"),
     ] = (),
     reference: Annotated[

@@ -28,7 +28,8 @@ def belief_table(runs: Runs, cells: pl.DataFrame) -> pl.DataFrame:
         runs: of the league's study. cells: from ``standings.cell_table``.
     """
     decision, below = pl.col("robot.decision"), pl.col("robot.belief_below")
-    robots = runs.rows("truth", "robot.decision", "robot.belief_below").explode(decision, below).drop_nulls()
+    lists = "robot.decision", "robot.belief_below"
+    robots = runs.rows("truth", *lists).explode(*lists).drop_nulls()
     by_run = (
         robots.join(cells, on="cell")
         .group_by(*ENTRY, "run", maintain_order=True)
@@ -43,7 +44,7 @@ def belief_table(runs: Runs, cells: pl.DataFrame) -> pl.DataFrame:
     for own in by_run.partition_by("name", maintain_order=True):
         sums = own.select("confidence", "right").to_numpy().T
         row = own.select(ENTRY).row(0, named=True)
-        row["decided_share"] = own["decided"].sum() / own["robots"].sum()
+        row["decided_share"] = int(own["decided"].sum()) / int(own["robots"].sum())
         confidence, right = np.transpose(cluster_shares(sums, own["decided"])).tolist()
         row |= columns_of("confidence_share", confidence) | columns_of("right_share", right)
         rows.append(row | {"too_confident": right[2] < confidence[1]})

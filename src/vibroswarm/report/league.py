@@ -9,9 +9,9 @@ from typing import Final
 import polars as pl
 
 from vibroswarm.core.numbers import count, listed, number, percent
-from vibroswarm.league.fronts import guess_level
+from vibroswarm.league.fronts import LEVELS, guess_level
 from vibroswarm.league.play import League, Standings
-from vibroswarm.plots.error_bars import draw_error_bars
+from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.picture import Picture
 from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.simulation import versions
@@ -40,7 +40,8 @@ def of_league(standings: Standings) -> Report:
             "Standings",
             "Means over floors and swarm sizes, with 95 % intervals over runs. Forced error: wrong, or undecided and "
             "leaning to the wrong side. Undecided robots count with the whole run.",
-            folded=tables["standings"].height > MANY,
+            TITLES,
+            tables["standings"].height > MANY,
         ),
     }
     if by:
@@ -48,14 +49,14 @@ def of_league(standings: Standings) -> Report:
         parts["fronts_by"] = Table(
             _with_asterisks(tables["fronts_by"]), f"Time at equal error {named}", titles=TITLES
         )
-        parts["standings_by"] = Table(tables["standings_by"], f"Standings {named}", folded=True)
+        parts["standings_by"] = Table(tables["standings_by"], f"Standings {named}", "", TITLES, True)
     if tables["differences"].height:
         reference = tables["differences"]["reference"][0]
         frame = tables["differences"].drop("reference")
-        parts["differences"] = Table(frame, f"Difference from {reference}", "Run by run.", folded=True)
+        parts["differences"] = Table(frame, f"Difference from {reference}", "Run by run.", TITLES, True)
     if tables["beliefs"].height:
         caption = "Of the robots that decided, on these floors; too confident: intervals do not overlap."
-        parts["beliefs"] = Table(tables["beliefs"], "Belief and truth", caption, folded=True)
+        parts["beliefs"] = Table(tables["beliefs"], "Belief and truth", caption, TITLES, True)
     without = [entry.name for entry in league.entries if not entry.settings]
     return Report(
         title="League",
@@ -74,7 +75,7 @@ def _answer(league: League, fronts: pl.DataFrame, standings: pl.DataFrame) -> It
         f"at {percent(level[0], 0)} {listed(own['strategy'])} ({number(own['time_s'][0], 0)} s)"
         for level, own in fronts.filter("fastest").group_by("forced_error", maintain_order=True)
     ]
-    most = percent(fronts["forced_error"].max(), 0)
+    most = percent(LEVELS[-1], 0)
     yield f"Fastest by forced error: {'; '.join(fastest) or f'no strategy reaches {most}'}."
     level = guess_level(league.base)
     lowest = standings.group_by("strategy", maintain_order=True).agg(pl.col("forced_error_high").min())
@@ -94,12 +95,7 @@ def _with_asterisks(fronts: pl.DataFrame) -> pl.DataFrame:
 
 
 def _front(standings: pl.DataFrame) -> Picture:
-    ends = {"estimate": "", "low": "_low", "high": "_high"}
-    return draw_error_bars(
-        standings.sort("decision_time_s")
-        .select(x="decision_time_s", series="strategy", **{k: f"forced_error{v}" for k, v in ends.items()})
-        .unique(["x", "series"], maintain_order=True),
-        x_label="decision time (s)",
-        label="forced error",
-        percent=True,
-    )
+    columns = {"time": "decision_time_s", "error": "forced_error"}
+    limits = {f"{to}{end}": f"{name}{end}" for to, name in columns.items() for end in ("", "_low", "_high")}
+    points = standings.select("name", "strategy", **limits)
+    return draw_front(points, series="strategy", error_label="forced error", percent=True)

@@ -133,7 +133,9 @@ class Outcomes:
             "decision": self.decision.astype(np.float64),
             "decision_time_s": self.decision_time_s,
             "estimate": self.estimate,
-            "belief_in_truth": np.asarray(belief_in_truth(self.belief_below, self.truth[:, None])),
+            "belief_in_truth": np.asarray(
+                belief_in_truth(np.asarray(self.belief_below), self.truth[:, None])
+            ),
         }
         return Swarms.of_arrays(robots, runs, self.t_end_s, [self.costs])
 
