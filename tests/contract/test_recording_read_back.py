@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from vibroswarm.documents.run import result_document
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -18,6 +17,7 @@ from vibroswarm.recordings.export import write_csv
 from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import with_beliefs
+from vibroswarm.report.report import report
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import record_of
 from vibroswarm.scenario.scenario import preset
@@ -149,7 +149,7 @@ def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_pa
     assert found.runs["consensus"].to_list() == [None]
     said = verdict(found)
     assert (said.consensus, said.decision, said.robots[0].estimate) == (None, None, None)
-    assert "Decisions were not logged." in result_document(found).answer
+    assert report(found).answer[0].startswith("Not logged")
     assert packet_loss(found)["packet_loss"].to_list() == [None]
     assert walk_figures(found.motion, found.observations)["avoid_per_sample_s"].to_list() == [None]
     shown = with_beliefs(replace(found, scenario=found.scenario.with_values({"run.t_end_s": 5000.0})))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ import polars as pl
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
-from vibroswarm.documents.run import run_document
 
 from helpers.closed_loop import followed, reads_as_tables
 from vibroswarm import Scenario, preset, replay, simulate
@@ -21,6 +19,7 @@ from vibroswarm.floors.changes import Changes, markov_changes
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import truth_on, truth_over_time
 from vibroswarm.observation.observe import kinds_at
+from vibroswarm.report.report import report
 from vibroswarm.result import Result
 
 NAN = math.nan
@@ -284,7 +283,6 @@ def test_expected_readings_of_each_kind_are_means_over_time() -> None:
         "strategy.name": "dirichlet",
         "task.name": "majority",
     }
-    document = run_document(simulate(preset("paper").with_values(values), 1, 1), 0)
-    (words,) = [text for part in document.parts if "Samples read" in (text := getattr(part, "words", ""))]
-    shares = [float(share.rstrip(" %")) for share in re.findall(r"\(([\d.]+ %)\)", words)]
+    table = report(simulate(preset("paper").with_values(values), 1, 1)).tables["readings"]
+    shares = [100 * share for share in table.frame["expected_share"]]
     assert shares == pytest.approx([(0.9 + 2 * 0.05) / 0.03, 5.0, (0.05 + 2 * 0.9) / 0.03], abs=0.006)

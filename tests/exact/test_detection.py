@@ -7,9 +7,9 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from vibroswarm.documents.detection import hardest
 
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
+from vibroswarm.report.detection import hardest_pairs
 from vibroswarm.statistics.detection import detection_curve, needed, pairs
 from vibroswarm.statistics.fronts import pareto_front
 from vibroswarm.statistics.intervals import generator, wilson
@@ -98,7 +98,7 @@ def test_pairs_by_hand() -> None:
     assert found.select("fill_ratio_below", "robots", "time_s", "fewest").rows() == [
         (0.2, 2, 50.0, True), (0.2, 3, 20.0, False), (0.3, 2, 50.0, True), (0.4, 2, None, False), (0.4, 3, 20.0, True),
     ]  # fmt: skip
-    assert hardest(found).select("fill_ratio_below", "robots", "time_s", "fewest").rows() == [
+    assert hardest_pairs(found).select("fill_ratio_below", "robots", "time_s", "fewest").rows() == [
         (0.3, 2, 50.0, True), (0.4, 3, 20.0, True),
     ]  # fmt: skip
 
