@@ -133,10 +133,10 @@ def without_layout(monkeypatch: pytest.MonkeyPatch) -> None:
 def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is drawn, and pages have blank pictures: for tests that look at no picture and no caption."""
     from vibroswarm.plots.picture import Picture
-    from vibroswarm.show import document
+    from vibroswarm.report.report import Figure as ReportFigure
 
     blank = Picture(Figure(figsize=(1, 1)), pl.DataFrame({"blank": [0]}), "Blank.")
-    monkeypatch.setattr(document.Figure, "drawn", property(lambda self: blank))
+    monkeypatch.setattr(ReportFigure, "picture", property(lambda self: blank))
 
 
 @pytest.fixture

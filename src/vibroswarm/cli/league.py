@@ -9,28 +9,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import deliver
-from vibroswarm.cli.options import (
-    Paged,
-    SwarmOptions,
-    Where,
-)
+from vibroswarm.cli.options import Paged, SwarmOptions, Where
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import STAGES
 from vibroswarm.cli.scenario_options import keywords_of, warned
 from vibroswarm.cli.studies import print_plan
-from vibroswarm.cli.terminal import say
-from vibroswarm.core.atomic_io import write_files
 
 
 @dataclass(kw_only=True)
 class Players(SwarmOptions):
     """Strategies, swarms and floors that play, and the scenario that they have in common."""
 
-    # The two seeds that follow are those of tests and of later rounds.
     seed: Annotated[int, Option("same scenario and seed: same result", "S", low=0, high=2**62)] = 1
     patterns: Annotated[tuple[str, ...] | None, Option("patterns of floors (default: the paper's five)")] = (
         None
@@ -54,13 +47,13 @@ class Entries:
     settings_file: Annotated[
         Path | None,
         Option(
-            "fields that each strategy sets, in TOML (default: those found by 'vibroswarm league tune')",
+            "fields that each strategy sets, in TOML (default: those that ship)",
             name="--settings",
         ),
     ] = None
     untuned: Annotated[bool, Option("use the scenario's settings and each strategy's defaults")] = False
     own_motion: Annotated[
-        bool, Option("each strategy moves as suits it: use the settings that were found with motion")
+        bool, Option("each strategy moves as suits it: settings that were searched with motion")
     ] = False
     vary: Annotated[
         Sequence[str],
@@ -73,9 +66,10 @@ class Entries:
 def league(
     *,
     runs: Annotated[int, Option("runs per floor and size")] = 300,
-    belief_runs: Annotated[
-        int, Option("motions on which beliefs are compared with outcomes; 0: none (default 100)", low=0)
-    ] = 100,
+    by: Annotated[
+        tuple[str, ...],
+        Option("also standings of each floor, of each swarm size, or of both", "floor,robots"),
+    ] = (),
     reference: Annotated[
         str | None, Option("entry that others are compared with (default: the first)")
     ] = None,
@@ -91,37 +85,17 @@ def league(
     examples:
       vibroswarm league --runs 1000
       vibroswarm league --strategy none,soft --vary none:decision.credible_threshold=0.8,0.9,0.95 --out out/league
-      vibroswarm league --strategy soft,totals,mine.py:mine --settings frozen.toml --robots 5,10,20
+      vibroswarm league --strategy soft,totals,mine.py:mine --settings frozen.toml --robots 5,10,20 --by robots
       vibroswarm league --own-motion --runs 300 --out out/own-motion
       vibroswarm league --shares 0.4,0.36,0.24
     """
-    from vibroswarm.core.tables import csv_bytes
-    from vibroswarm.documents.league import league_document
-    from vibroswarm.league.words import belief_runs_of, league_of, played, studies_of_tests
+    from vibroswarm.league.play import league_of, play
 
-    asked = league_of(
-        runs=runs, seed=scenario.seed, **vars(entries), **floors_of(scenario), **keywords_of(scenario)
-    )
-    if asked.note:
-        say(asked.note)
-    warned(asked.league.base)
-    belief_runs = belief_runs_of(asked, reference, belief_runs)
-    study = (
-        asked.league.study
-    )  # refuses a floor on which no decision is right, before `--force` removes the folder
-    claim(output, "league", study.hash)
-    tested = studies_of_tests(asked.basic, belief_runs)
-    print_plan(study, *tested.values())
-    standings, tables = played(
-        asked, output.out, reference=reference, belief_runs=belief_runs, stages=STAGES, **execution.where
-    )
-    if output.out is not None or output.json:
-        tables["summary"] = standings.summary
-    if output.out is not None:
-        write_files(output.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
-    deliver(league_document(standings, tables), output)
-
-
-def floors_of(players: Players) -> dict[str, Any]:
-    """Return the options that say which floors play, by name."""
-    return {name: getattr(players, name) for name in ("patterns", "fills", "shares")}
+    floors = {name: getattr(scenario, name) for name in ("patterns", "fills", "shares")}
+    chosen = league_of(runs=runs, seed=scenario.seed, **vars(entries), **floors, **keywords_of(scenario))
+    warned(chosen.base)
+    claim(output, "league", chosen.study.hash)
+    print_plan(chosen.study)
+    with STAGES.runs("simulating") as progress:
+        standings = play(chosen, output.out, by=by, reference=reference, progress=progress, **execution.where)
+    deliver(standings, output)

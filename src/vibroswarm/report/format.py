@@ -122,10 +122,10 @@ def format_of(name: str) -> Format:
     return Format(title, "points" if signed and unit == "%" else unit, factor, signed)
 
 
-def write_value(value: Value, unit: str = "") -> str:
+def write_value(value: Value, unit: str = "", *, sign: bool = False) -> str:
     """Write a number with unit and limits, as in ``118 s [90, 147]``."""
     decimals = decimals_of([value])
-    texts = [number(each, decimals) for each in value]
+    texts = [number(each, decimals, sign=sign) for each in value]
     limits = f" [{texts[1]}, {texts[2]}]" if value.has_limits else ""
     return f"{texts[0]}{f' {unit}' if unit else ''}{limits}"
 
@@ -233,7 +233,8 @@ def _entries(values: Sequence[Value], signed: bool) -> list[Entry]:
                 4 + 92 * (each - least) / span for each in (value.low, value.middle, value.high, 0.0)
             )
             bar = Bar(left, middle, right, zero if signed else None)
-        limits = f"[{texts[1]}, {texts[2]}]" if value.has_limits else ""
+        is_open = math.isfinite(value.low) and math.isnan(value.high)
+        limits = f"[{texts[1]}, {texts[2]}]" if value.has_limits else f"[{texts[1]}, \u221e)" * is_open
         entries.append(Entry(texts[0], limits, "", bar, value.middle))
     return entries
 

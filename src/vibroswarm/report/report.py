@@ -85,7 +85,7 @@ KINDS: Final = {
     "vibroswarm.search.verify": "verified",
     "vibroswarm.search.sensitivity": "search",
     "vibroswarm.search.loop": "search",
-    "vibroswarm.league.standings": "league",
+    "vibroswarm.league.play": "league",
     "vibroswarm.inspection.inspection": "inspection",
     "vibroswarm.calibrate.message_loss": "calibration",
     "vibroswarm.paper.reproduce": "reproduction",

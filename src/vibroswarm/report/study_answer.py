@@ -6,9 +6,10 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import Any, Final
 
-from vibroswarm.core.numbers import count, number
+from vibroswarm.core.numbers import count, number, p_value
 from vibroswarm.report.format import Value, decimals_of, format_of, value_of, write_value
 from vibroswarm.statistics.figures import BY_COLUMN, BY_NAME
+from vibroswarm.statistics.paired import side
 from vibroswarm.statistics.verdict import answers_of
 from vibroswarm.study.comparison import Answer, Compared
 from vibroswarm.study.summary import CellOutcome, Outcome
@@ -79,11 +80,7 @@ def _pair_sentence(one: Answer) -> str:
         differs = f"{_direction(effect)}{'' if place else f' than {second}'} by {_size(effect)}"
         link = ", but" if place and effect.better != shown[place - 1].better else " and"
         text = f"{text}{link} {differs}" if place else f"{first} is {differs}"
-    rest = " and ".join(
-        f"{BY_COLUMN[effect.paired.figure].title} ({_size(effect)})"
-        for effect in effects
-        if effect not in shown
-    )
+    rest = " and ".join(_not_shown(effect) for effect in effects if effect not in shown)
     none = f"{'; ' if shown else ': '}no difference shown in {rest}" if rest else ""
     return f"{text}{none}{f' ({where})' if where else ''}."
 
@@ -114,13 +111,21 @@ def _direction(effect: Compared) -> str:
 
 
 def _size(effect: Compared) -> str:
-    """Write a difference; without its sign if the whole interval has it."""
+    """Write a difference that is shown, without its sign."""
     form, (estimate, low, high) = (
         format_of(f"{effect.paired.figure}_difference"),
         effect.paired.difference[:3],
     )
-    values = (-estimate, -high, -low) if high < 0 else (estimate, low, high)
+    values = (-estimate, -high, -low) if estimate < 0 else (estimate, low, high)
     return write_value(Value(*(form.factor * value for value in values)), form.unit)
+
+
+def _not_shown(effect: Compared) -> str:
+    """Write a difference that is not shown, with its p-value if its interval alone would show one."""
+    form = format_of(f"{effect.paired.figure}_difference")
+    values = Value(*(form.factor * value for value in effect.paired.difference[:3]))
+    corrected = f", p = {p_value(effect.paired.p_holm)}" if side(effect.paired.difference) else ""
+    return f"{BY_COLUMN[effect.paired.figure].title} ({write_value(values, form.unit, sign=True)}{corrected})"
 
 
 def _written(row: dict[str, Any], name: str) -> str:
