@@ -19,20 +19,23 @@ def deliver(
     output: Paged,
     tables: Mapping[str, DataFrame] | None = None,
     page: str = "report.html",
+    *,
+    is_result: bool = False,
     **options: Any,
 ) -> None:
     """Print the report of a result; save it and tables in the folder of ``--out``, which is claimed already.
 
     Args:
         tables: by name, besides those of the report; they become CSV and Parquet.
-        page: name of a page that is there already, in the place of the report's. options: of ``report``.
+        page: name of a page that is there already, in the place of the report's.
+        is_result: whether the folder holds a result or recording, which has its own tables. options: of ``report``.
     """
     report = old_documents.report_of(result, **options)
     try:
         print_report(report, as_json=output.json)
     finally:  # also if the reader, such as `head`, has enough
         if output.out is not None:
-            _save(report, output.out, output, tables or {}, page)
+            _save(report, output.out, output, tables or {}, page, is_result)
     if output.out is None:
         terminal.report("Not saved; add --out DIR to save tables, the data behind them, and a page")
         return
@@ -41,7 +44,9 @@ def deliver(
         open_page(output.out / page)
 
 
-def _save(report: Any, folder: Path, output: Paged, tables: Mapping[str, DataFrame], page: str) -> None:
+def _save(
+    report: Any, folder: Path, output: Paged, tables: Mapping[str, DataFrame], page: str, is_result: bool
+) -> None:
     from vibroswarm.report.save import save, save_pictures, save_table
 
     for name, table in tables.items():
@@ -49,7 +54,8 @@ def _save(report: Any, folder: Path, output: Paged, tables: Mapping[str, DataFra
     if old_documents.is_old(report):
         old_documents.save(report, output, page)
         return
-    save(report, folder, page=page == "report.html" and not getattr(output, "no_pictures", False))
+    draws = page == "report.html" and not getattr(output, "no_pictures", False)
+    save(report, folder, page=draws, tables=not is_result)
     if getattr(output, "pictures", False):
         save_pictures(report, folder)
 
