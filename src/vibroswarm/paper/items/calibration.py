@@ -17,7 +17,8 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.calibrate.camera import seen_through
-from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
+from vibroswarm.calibrate.features import FEATURES, WORDS, values_of
+from vibroswarm.calibrate.samples import by_session
 from vibroswarm.calibrate.histograms import draw_maps, draw_shares, histograms_of
 from vibroswarm.calibrate.real_vs_simulated import Comparison, camera_between, compare
 from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
