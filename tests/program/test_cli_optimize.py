@@ -62,7 +62,6 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert "during the search (believed)" in said
     assert "on fresh runs (true)" in said
     assert "none failed" in said
-    assert said.endswith(f"Page: open {out / 'report.html'} in a browser\n")
     page = (out / "report.html").read_bytes()
     for name in ("best.toml", "printed.json", "history.csv", "steps/00001.parquet"):
         assert (out / name).is_file()

@@ -63,7 +63,8 @@ def understood(command: list[str]) -> bool:
     if command == ["--version"]:
         return True
     try:
-        return bool(commands.parsed(command))
+        found, rest = commands.command_in(command)
+        return bool(found.parser().parse_args(rest))
     except InputError:
         return False
     except SystemExit as left:

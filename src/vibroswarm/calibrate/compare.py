@@ -118,7 +118,7 @@ def compare(real: Result, simulated: Result, *, camera: Camera | None = None) ->
 
 
 def compare_feature(feature: str, real: Sequence[Floats], simulated: Sequence[Floats]) -> Likeness:
-    """Compare one feature of real and simulated sessions, of which each has at least ``FEWEST`` values, (n, columns)."""
+    """Compare one feature of real and simulated sessions, each with at least ``FEWEST`` values, (n, columns)."""
     all_real, all_simulated = np.concatenate(real), np.concatenate(simulated)
     count = min(len(all_real), len(all_simulated))
     scale = all_real.std(axis=0)

@@ -247,7 +247,7 @@ def _table_of_robots(found: Dataset) -> pl.DataFrame:
 
 
 def _estimates(table: pl.DataFrame) -> dict[str, Any]:
-    """Return the estimates by name: means and standard deviations over robots; without those that fewer than two have."""
+    """Return the estimates by name: means and standard deviations over robots that have the value, at least two."""
     estimates: dict[str, Any] = {"within_m_s": math.sqrt((table["within_m_s"] ** 2).mean())}  # type: ignore[arg-type]
     for column, (mean, spread) in LAWS.items():
         known = table[column].drop_nulls().to_numpy()

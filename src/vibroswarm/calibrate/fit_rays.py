@@ -20,8 +20,8 @@ Turns at the end of a leg (a straight walk) are uniform up to a largest angle A,
 T (``walk.turn_tolerance_deg``). Those beyond a_0 (``LEAST_TURN``) have the mean (a_0 + A - T) / 2, so A is estimated by
 2 mean - a_0 + T.
 
-Standard errors are of bootstraps: of the approaches of each robot for the rays, of all turns for A. Limits of how far robots differ hold for other
-robots too: chi-square of so many robots.
+Standard errors are of bootstraps: of the approaches of each robot for the rays, of all turns for A. Limits of how far
+robots differ hold for other robots too: chi-square of so many robots.
 """
 
 from __future__ import annotations

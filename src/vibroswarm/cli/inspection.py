@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import Destination
+from vibroswarm.cli.deliver import deliver
 from vibroswarm.cli.option_values import number, pair_of, refuse, share
 from vibroswarm.cli.options import PRESETS, Drawn, ScenarioOptions, Seed
+from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import progress_bar, say_compiling
-from vibroswarm.cli.scenario_options import scenario_from, words_of
+from vibroswarm.cli.scenario_options import keywords_of, scenario_from
 from vibroswarm.errors import check_choice
 
 if TYPE_CHECKING:
@@ -203,9 +204,9 @@ def inspect(
         "plans with a scenario; leave out the result or file",
     )
     _refuse_unread(planned, scenario, evidence, damage)
-    destination = Destination(output, "inspect", str(source), evidence, damage, planned, scenario, seed)
+    claim(output, "inspect", str(source), evidence, damage, planned, scenario, seed)
     if planned.plan is not None:
-        destination.deliver(_plan_document(planned, damage, scenario, seed))
+        deliver(_plan_document(planned, damage, scenario, seed), output)
         return
     found = _inspected(source, evidence, damage, scenario, seed)
     has_certificate = found.assessment is not None
@@ -214,7 +215,7 @@ def inspect(
         "samples": found.samples.frame, "map": found.maps, "raster": found.rasters, "scores": found.scores,
     }  # fmt: skip
     written = {name: table for name, table in tables.items() if not table.is_empty()}
-    destination.deliver(found, written, certificate)
+    deliver(found, output, written, certificate)
 
 
 def _refuse_unread(planned: Planned, scenario: ScenarioOptions, *inspected: Evidence | Damage) -> None:
@@ -284,14 +285,14 @@ def _inspected(
         _refuse_of_simulation(source, scenario, is_csv=is_csv)
     if is_csv:
         known |= {"size_m": evidence.size, "floor": _floor_of(scenario, evidence.size)}
-    with progress_bar("inspecting", simulates=False) as progress:
+    with progress_bar("inspecting") as progress:
         return inspect_source(inspected, progress=progress, **known)
 
 
 def _refuse_of_simulation(source: Path, scenario: ScenarioOptions, *, is_csv: bool) -> None:
     """Refuse options of a simulation beside a result or file, but those that describe the floor of a CSV."""
     of_file = ("floor", "tiles", "image_threshold")  # what a CSV may be told
-    given = [value for name, value in words_of(scenario).items() if name not in of_file]
+    given = [value for name, value in keywords_of(scenario).items() if name not in of_file]
     refuse(any(given), str(source), "is inspected as it is; leave the options of a simulation out")
     has_floor = scenario.floor or scenario.tiles
     refuse(not is_csv and has_floor, str(source), "has its own floor; leave --floor and --tiles out")

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import Destination, deliver
+from vibroswarm.cli.deliver import deliver
 from vibroswarm.cli.options import Drawn, Where
 from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import STAGES, say_compiling, search_progress
+from vibroswarm.cli.progress import STAGES, progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import warn_of
 from vibroswarm.cli.terminal import report
 from vibroswarm.core.registry import written_names
@@ -72,19 +72,23 @@ def optimize(
     """
     from vibroswarm.documents.search import plan_sentences, search_document
     from vibroswarm.search.loop import check_ready
-    from vibroswarm.search.steps import SearchFolder
     from vibroswarm.search.words import search_of, searched
 
     made = search_of(search, **vars(settings))
     check_ready(made)  # now, since `--force` removes the folder
-    # Making a `SearchFolder` writes nothing, but refuses a folder that holds anything but this search.
-    claim(output, lambda folder: SearchFolder(folder, made))
+    claim(output, "optimize", made.hash)
     _start(made)
     for sentence in plan_sentences(made):
         report(sentence)
-    with search_progress() as progress:
-        found = searched(made, output.out, progress=progress, stages=STAGES, **execution.where)
-    deliver(search_document(*found), output, "optimize")
+    with progress_bar("searching") as update:
+        found = searched(
+            made,
+            output.out,
+            progress=lambda now: update(now.runs, now.wanted, f"{now.method}: best so far {now.best:.4g}"),
+            stages=STAGES,
+            **execution.where,
+        )
+    deliver(search_document(*found), output)
 
 
 def _start(search: Search) -> None:
@@ -116,10 +120,10 @@ def sensitivity(
     design_of(
         made, budget
     )  # refuses a small budget and code not loaded now, since `--force` removes the folder
-    destination = Destination(output, "optimize sensitivity", made.hash, budget)
+    claim(output, "optimize sensitivity", made.hash, budget)
     _start(made)
     with counting(STAGES)("simulating", budget) as counted:
         indices = sobol_indices(made, budget, progress=counted, **execution.where)
     if output.out is not None:
         write_sensitivity(indices, output.out)
-    destination.deliver(indices)
+    deliver(indices, output)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.deliver import print_report
 from vibroswarm.cli.options import Json
 from vibroswarm.cli.progress import progress_bar
 
@@ -35,5 +35,5 @@ def verify(
 
     with progress_bar("simulating again") as progress:
         verified = simulate_again(folder, runs, seed, progress)
-    print_document(verified, as_json=json)
+    print_report(verified, as_json=json)
     return 0 if verified.holds else 1

@@ -169,7 +169,7 @@ class SearchFolder:
             return path.is_file() and path.read_bytes() == self._text.encode()
         if path.name in self._code:
             return path.is_file() and path.read_bytes() == self._code[path.name].encode()
-        return path.name.startswith(".")  # it was being written
+        return path.name == "command.json" or path.name.startswith(".")  # it was being written
 
     @contextmanager
     def alone(self) -> Iterator[None]:
