@@ -58,8 +58,8 @@ def import_logs(
       vibroswarm lab import camera.csv --columns columns.toml --floor world.txt --tiles 5x5 --out lab
       vibroswarm lab import tracked-1 tracked-2 --floor world.txt --tiles 5x5 --out lab
     """
-    from vibroswarm.documents.recording import import_document, write_pages
     from vibroswarm.recordings.assemble_recording import recording_of
+    from vibroswarm.report.recording import of_import, write_pages
     from vibroswarm.study.options import check_one_floor, stated_fields
 
     refuse(
@@ -77,7 +77,7 @@ def import_logs(
         recording = recording_of(read, floor, made, stated, robots=robots, any_floor=any_floor)
     recording.write_into(output.out)
     pages = write_pages(recording, output.out)
-    deliver(import_document(recording, pages, computed), output, page=pages[0], is_result=True)
+    deliver(of_import(recording, computed), output, page=pages[0], is_result=True)
 
 
 def _logs_of(
@@ -292,9 +292,8 @@ def spectrum(
       vibroswarm lab spectrum acceleration.csv --by robot,time
       vibroswarm lab spectrum acceleration.csv --axis z --by tile --motors 90,140 --out spectrum
     """
-    from vibroswarm.documents.spectrum import spectra_frame
     from vibroswarm.floors.io import parse_tiles
-    from vibroswarm.recordings.spectrum import Group, spectra_of
+    from vibroswarm.recordings.spectrum import Group, spectra_frame, spectra_of
 
     groups = tuple(part.strip() for part in by.split(",") if part.strip())
     for group in groups:

@@ -105,7 +105,6 @@ def track(
       vibroswarm lab track day1.mp4 --markers markers.toml --lens chessboard.mp4 --log day1.csv \\
           --floor world.txt --tiles 5x5 --out tracked
     """
-    from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.recordings.read import CAMERA_LOG, camera_log_bytes
     from vibroswarm.study.options import stated_fields
@@ -139,7 +138,7 @@ def track(
         recording.write_into(output.out)
         (output.out / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
     write_tables(output.out, tracking)
-    deliver(tracking_document(tracking, tracked), output, is_result=True)
+    deliver(tracking, output, tracked=tracked, is_result=True)
 
 
 def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> pl.DataFrame | None:

@@ -7,14 +7,13 @@ not known whether a robot turned or avoided between two positions, so every kind
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError, number_of
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
@@ -43,19 +42,19 @@ GAP_S: Final = 0.5
 EDGE_M: Final = 1e-9
 """A position closer to a wall than this is on the wall."""
 COUNTED: Final = {
-    "rows": ("row", " read"),
-    "missing": ("row", " without a time or a place: left out"),
-    "rows_repeated": ("repeated row", ": removed"),
-    "samples": ("sample", ""),
-    "samples_lost": ("sample", " without a row, by the count of messages sent"),
-    "counters_wrapped": ("wrap", " of counters: unwrapped"),
-    "tracking_gaps": ("gap", " in tracking of more than half a second: interpolated linearly"),
-    "tracking_gap_longest_s": ("", " s, the longest such gap"),
-    "positions_old": ("sample", " with a position older than the usual quarter of a second"),
-    "off_the_floor": ("sample", " off all tiles; if these are many, state arena.width_m and arena.height_m"),
-    "rows_apart_s": ("", " s usually between two rows of a robot: times must be in seconds"),
+    "rows": "rows read",
+    "missing": "rows without a time or a place: left out",
+    "rows_repeated": "repeated rows: removed",
+    "samples": "samples",
+    "samples_lost": "samples without a row, by the count of messages sent",
+    "counters_wrapped": "wraps of counters: unwrapped",
+    "tracking_gaps": "gaps in tracking of more than half a second: interpolated linearly",
+    "tracking_gap_longest_s": "s, the longest such gap",
+    "positions_old": "samples with a position older than the usual quarter of a second",
+    "off_the_floor": "samples off all tiles; if these are many, state arena.width_m and arena.height_m",
+    "rows_apart_s": "s usually between two rows of a robot: times must be in seconds",
 }
-"""Counts that are made while a log is read: what is counted (empty: a time), and what follows it."""
+"""Counts that are made while a log is read: what is counted, in words."""
 
 
 def recording_of(
@@ -491,21 +490,3 @@ def _outcomes(
     # Sessions are ended by people, not by a decision.
     runs = run_frame.with_columns(null_if_unknown).with_columns(stopped_early=False)
     return robot_frame.with_columns(decision=finals["decision"]), runs
-
-
-def count_lines(recording: Recording) -> Iterator[str]:
-    """Yield the counts that were made while the logs were read, as lines of text.
-
-    Each session has one line with the name and the format of its log, followed by one line for each count above 0.
-    """
-    for run, session in enumerate(recording.sessions):
-        counts = session["told"]
-        yield f"session {run + 1}: {session['log']} ({session['reader']})"
-        yield from (f"  robot {k}: {name}" for name, k in session["robots"].items())
-        yield from (f"  {_counted(name, counts[name])}" for name in COUNTED if counts.get(name))
-
-
-def _counted(name: str, found: float) -> str:
-    """Write one of the counts of ``log.COUNTED``."""
-    thing, more = COUNTED[name]
-    return f"{count(int(found), thing) if thing else number(found, digits=4)}{more}"

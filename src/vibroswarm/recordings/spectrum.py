@@ -118,6 +118,16 @@ class Spectra:
         return self.spectra[0]
 
 
+def spectra_frame(found: Spectra) -> pl.DataFrame:
+    """Return all spectra as a table: group, where, hz, amplitude."""
+    return pl.concat(
+        pl.DataFrame({"hz": found.hz, "amplitude": np.sqrt(2.0 * np.maximum(one.power, 1e-24))}).select(
+            pl.lit(one.group).alias("group"), pl.lit(one.name).alias("where"), "hz", "amplitude"
+        )
+        for one in found.spectra
+    )
+
+
 def spectra_of(
     path: Path,
     *,

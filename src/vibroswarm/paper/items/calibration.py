@@ -17,11 +17,11 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.calibrate.camera import seen_through
-from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
+from vibroswarm.calibrate.compare import Comparison, camera_between, compare, null_similarity, similarity
+from vibroswarm.calibrate.features import FEATURES, WORDS, values_of
 from vibroswarm.calibrate.histograms import draw_maps, draw_shares, histograms_of
-from vibroswarm.calibrate.real_vs_simulated import Comparison, camera_between, compare
+from vibroswarm.calibrate.samples import by_session
 from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
-from vibroswarm.calibrate.similarity import null_similarity, similarity
 from vibroswarm.core.numbers import stated
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import (
@@ -119,13 +119,12 @@ def similarity_by_set(real: Result, simulated: Result) -> Sets:
     Args:
         real: the recordings. simulated: simulated sessions; each three successive ones are a set, none is left over.
     """
-    real_sessions = sessions_of(real)
-    simulated_sessions = sessions_of(seen_through(simulated, camera_between(real, simulated)))
+    sessions = by_session(real), by_session(seen_through(simulated, camera_between(real, simulated)))
     by_feature: Sets = {}
     for feature in FEATURES:
-        all_real = np.concatenate(real_sessions.values(feature))
+        all_real = np.concatenate([values_of(one, feature) for one in sessions[0]])
         nulls: dict[int, float] = {}  # by number of values
-        values = simulated_sessions.values(feature)
+        values = [values_of(one, feature) for one in sessions[1]]
         for first in range(0, len(values), SESSIONS):
             set_values = np.concatenate(values[first : first + SESSIONS])
             count = min(len(all_real), len(set_values))
@@ -272,9 +271,8 @@ def compute(work: Work) -> Tables:
     sources: dict[str, Result] = {SIMULATOR: authors}
     sources |= {column: _first_set(source) for column, source in simulated.items()}
     comparisons: dict[str, Comparison] = {}
-    known: dict[Any, Any] = {}  # distances among the recordings, which all comparisons share
     for place, (name, source) in enumerate(sources.items()):
-        comparisons[name] = compare(real, source, known)
+        comparisons[name] = compare(real, source)
         work.progress(0.2 + 0.6 * (place + 1) / len(sources))
     sets = {column: similarity_by_set(real, source) for column, source in simulated.items()}
     # The authors' own simulator, less what they print of it.
@@ -285,7 +283,7 @@ def compute(work: Work) -> Tables:
             cell=WORDS[similarities.feature],
             value=similarities.as_published - printed(similarities.feature),
         )
-        for similarities in comparisons[SIMULATOR].similarities
+        for similarities in comparisons[SIMULATOR].likenesses
     ]
     for column in settings.columns:
         measured += column_rows(settings, column, sets[column])
@@ -317,7 +315,7 @@ def _similarities(found: dict[str, Comparison], of_sets: dict[str, Sets]) -> pl.
     """
     rows = []
     for source, comparison in found.items():
-        for similarities in comparison.similarities:
+        for similarities in comparison.likenesses:
             feature = similarities.feature
             row: dict[str, Any] = {
                 "source": source,
@@ -328,13 +326,10 @@ def _similarities(found: dict[str, Comparison], of_sets: dict[str, Sets]) -> pl.
             # Mean over sets of three sessions, with its limits.
             sets = [similarity for similarity, _ in of_sets[source][feature]] if source in of_sets else []
             row |= columns_of("sets", mean_interval(sets) if sets else [None] * 3)
-            real_by_session = similarities.real_by_session
             row |= {
                 "null": similarities.null,
                 "at equal counts": similarities.at_equal_counts,
                 "ceiling": similarities.ceiling,
-                "session": similarities.by_session.mean,
-                "real session": None if real_by_session is None else real_by_session.mean,
             }
             rows.append(row)
     return pl.DataFrame(rows, infer_schema_length=None)
@@ -351,10 +346,9 @@ def _distances(found: dict[str, Comparison]) -> pl.DataFrame:
     """
     rows = []
     for source, comparison in found.items():
-        told_apart = comparison.classifier
-        measures = [(WORDS[one.feature], one.effect, one.real) for one in comparison.distances]
-        if told_apart is not None:
-            measures.append(("share of stretches told apart", told_apart.simulated_by_robot, told_apart.real))
+        measures = [(WORDS[one.feature], one.distance, one.real_distance) for one in comparison.likenesses]
+        if comparison.recognised is not None:
+            measures.append(("share of stretches told apart", comparison.recognised, None))
         for feature, effect, real in measures:
             row = {"source": source, "feature": feature}
             rows.append(row | columns_of("effect", effect) | columns_of("real", real or [None] * 3))
