@@ -10,29 +10,22 @@ import pytest
 from scipy import stats
 from scipy.spatial.distance import cdist
 from scipy.special import stdtrit
-
-from vibroswarm.calibrate.classifier import RIDGE, classifier_accuracy, columns_of, stretch_classifier
-from vibroswarm.calibrate.features import FEATURES, histogram, sample_table, sessions_of, shapeless, values_of
 from vibroswarm.calibrate.similarity import (
     at_equal_counts,
     ceiling,
     compare_distance,
     compare_feature,
-    cosine,
     effect_size,
     mean_distance,
     null_similarity,
 )
+
+from vibroswarm.calibrate.classifier import classifier_accuracy
+from vibroswarm.calibrate.features import FEATURES, histogram, sample_table, sessions_of, shapeless, values_of
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 pytest.importorskip("sklearn", reason="scikit-learn is not installed: pip install 'vibroswarm[lab]'")
-
-
-def test_cosine_of_vectors() -> None:
-    assert cosine(np.array([1.0, 0.0]), np.array([1.0, 1.0])) == pytest.approx(1 / math.sqrt(2))
-    assert cosine(np.array([1.0, 2.0]), np.array([2.0, 4.0])) == pytest.approx(1.0)
-    assert math.isnan(cosine(np.zeros(2), np.ones(2)))
 
 
 def test_two_samples_of_one_distribution_reach_the_ceiling() -> None:
@@ -121,25 +114,6 @@ def test_limits_allow_for_simulated_sessions_that_differ_too(real: int, simulate
     assert np.median([one.high - one.low for one in effects]) < 1.3 * known
 
 
-def test_the_logistic_fit_is_at_its_minimum() -> None:
-    rng = np.random.default_rng(10)
-    columns = rng.normal(size=(800, 3))
-    label = rng.random(800) < 1 / (1 + np.exp(-2 * columns[:, 0] + 0.5))
-    fitted = stretch_classifier().fit(columns, label)
-    # The loss of both classes at equal weights, with the ridge, is least there.
-    sign, weight = np.where(label, 1.0, -1.0), np.where(label, 0.5 / label.mean(), 0.5 / (1.0 - label.mean()))
-    standard = fitted[0].transform(columns)
-
-    def loss(moved: np.ndarray) -> float:
-        score = standard @ (fitted[-1].coef_[0] + moved) + fitted[-1].intercept_[0]
-        ridge = 0.5 * RIDGE * np.sum((fitted[-1].coef_[0] + moved) ** 2)
-        return float(weight @ np.logaddexp(0.0, -sign * score) + ridge)
-
-    least = loss(np.zeros(3))
-    for step in (0.05, -0.05):
-        assert all(loss(step * np.eye(3)[k]) > least for k in range(3))
-
-
 @pytest.fixture(scope="module")
 def simulations() -> tuple[object, ...]:
     base = preset("paper-empirical").with_values({"floor.source": "random:0.48", "floor.redraw": "study"})
@@ -165,13 +139,6 @@ def test_a_simulation_is_not_told_from_itself_but_from_another(simulations: tupl
     assert different.effect.estimate > 0.01
 
 
-def test_limits_of_an_accuracy_hold_for_other_simulated_sessions_too(simulations: tuple[object, ...]) -> None:
-    """Two that are recognised as differently as these do not say how well others are."""
-    one, again, other = (sessions_of(result).samples for result in simulations)  # type: ignore[arg-type]
-    found = classifier_accuracy(one, [again[0], other[0]]).simulated_by_robot
-    assert (found.low, found.high) == (0.0, 1.0)
-
-
 def test_the_sample_table(simulations: tuple[object, ...]) -> None:
     result = simulations[0]
     table = sample_table(result)  # type: ignore[arg-type]
@@ -184,18 +151,6 @@ def test_the_sample_table(simulations: tuple[object, ...]) -> None:
     assert (tiles["vibrating"].to_numpy() == (floor[tiles["tile"].to_numpy()] == 1)).all()
     counts = histogram(values_of(table, "avoidance"), "avoidance")
     assert counts.sum() == (table["avoid_s"].drop_nulls() > 1e-9).sum()
-
-
-def test_walls_are_those_of_the_arena() -> None:
-    """The classifier took each arena as 1 m by 1 m: on a larger one most samples lay on or behind its walls."""
-    scenario = preset("paper-empirical").with_values(
-        {"arena.width_m": 2.0, "arena.height_m": 1.5, "run.t_end_s": 200.0}
-    )
-    table = sample_table(simulate(scenario, 3, 1)).filter(pl.col("robot") == 0)
-    sides = [pl.col("x_m"), 2.0 - pl.col("x_m"), pl.col("y_m"), 1.5 - pl.col("y_m")]
-    assert (table.select(pl.min_horizontal(sides) - pl.col("wall_m")).to_series() == 0.0).all()
-    logarithms = np.log(np.maximum(table["wall_m"].to_numpy()[1:21], 0.005))
-    assert np.isclose(columns_of(table)[0], logarithms.mean(), rtol=0.0, atol=1e-12).any()
 
 
 def four_samples() -> pl.DataFrame:
@@ -221,12 +176,6 @@ def four_samples() -> pl.DataFrame:
 )
 def test_values_of_a_feature_by_hand(feature: str, values: list[list[float]]) -> None:
     assert values_of(four_samples(), feature).tolist() == values
-
-
-def test_published_avoidance_is_short_where_the_counter_wrapped() -> None:
-    """The authors added 65 s for 65.536 s."""
-    found = values_of(four_samples(), "avoidance", as_published=True)
-    assert found.ravel() == pytest.approx([1.0, 2.5 - 0.536])
 
 
 RANGES = {
