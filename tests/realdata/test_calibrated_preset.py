@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from vibroswarm.calibrate.real_vs_simulated import Comparison, _similarities, compare
-from vibroswarm.calibrate.similarity import RealCache
 
-from vibroswarm.calibrate.features import sessions_of
+from vibroswarm.calibrate.compare import compare
 from vibroswarm.paper.columns import AUTHORS, EMPIRICAL, read_recordings, real_floor, scenario_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -32,40 +30,25 @@ def simulated(seed: int, column: str = "calibrated", **values: Any) -> Result:
     return simulate(scenario, seed, 3)
 
 
-@pytest.fixture(scope="module")
-def authors(real: Recording, known: RealCache, recordings: Path) -> Comparison:
-    return compare(real, read_recordings(recordings, AUTHORS), known)
-
-
-@pytest.fixture(scope="module")
-def ours(real: Recording, known: RealCache) -> list[Comparison]:
-    return [compare(real, simulated(seed), known) for seed in SEEDS]
-
-
-def alike(found: list[Comparison]) -> dict[str, float]:
-    """Mean similarity at equal counts by feature."""
-    features = [one.feature for one in found[0].similarities]
-    return {
-        feature: float(np.mean([each.similarities[place].at_equal_counts for each in found]))
-        for place, feature in enumerate(features)
+def test_each_similarity_is_at_least_the_studys_simulators(real: Recording, recordings: Path) -> None:
+    authors = compare(real, read_recordings(recordings, AUTHORS))
+    ours = [compare(real, simulated(seed)) for seed in SEEDS]
+    theirs = {one.feature: one.at_equal_counts for one in authors.likenesses}
+    alike = {
+        name: np.mean(
+            [one.at_equal_counts for each in ours for one in each.likenesses if one.feature == name]
+        )
+        for name in theirs
     }
-
-
-def test_each_similarity_is_at_least_the_studys_simulators(
-    authors: Comparison, ours: list[Comparison], real: Recording
-) -> None:
-    theirs, found = alike([authors]), alike(ours)
-    assert len(found) == 6
-    for feature, share in found.items():  # energies differ by the tiles that are drawn: 0.004 between sets
+    for feature, share in alike.items():  # energies differ by the tiles that are drawn: 0.004 between sets
         assert share > theirs[feature] - 0.006, feature
-    assert found["avoidance"] > theirs["avoidance"] + 0.02
-    assert found["places"] > theirs["places"] + 0.02
+    assert alike["avoidance"] > theirs["avoidance"] + 0.02
+    assert alike["places"] > theirs["places"] + 0.02
     # Control: the preset that is not fitted is below them in two features and more.
-    paper = _similarities(sessions_of(real), sessions_of(simulated(SEEDS[0], "paper")))
-    assert sum(one.at_equal_counts < theirs[feature] - 0.006 for feature, one in paper.items()) >= 2
-
-
-def test_stretches_are_told_by_chance_on_other_robots(authors: Comparison, ours: list[Comparison]) -> None:
-    told = np.mean([found.classifier.simulated_by_robot.estimate for found in ours])
-    assert told < 0.6
-    assert authors.classifier.simulated_by_robot.estimate > 0.7  # the control
+    paper = compare(real, simulated(SEEDS[0], "paper")).likenesses
+    assert sum(one.at_equal_counts < theirs[one.feature] - 0.006 for one in paper) >= 2
+    for found in ours:
+        assert found.recognised is not None
+        assert found.recognised.estimate < 0.6
+    assert authors.recognised is not None
+    assert authors.recognised.estimate > 0.7  # the control

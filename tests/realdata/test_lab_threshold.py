@@ -8,7 +8,7 @@ from __future__ import annotations
 import pytest
 
 from vibroswarm.recordings.recording import Recording
-from vibroswarm.recordings.threshold import at_threshold, find_thresholds
+from vibroswarm.recordings.threshold import at_threshold, find_threshold
 
 
 def test_error_rates_at_the_simulators_threshold(real: Recording) -> None:
@@ -20,6 +20,6 @@ def test_error_rates_at_the_simulators_threshold(real: Recording) -> None:
 
 
 def test_equal_error_is_near_what_the_simulations_used(real: Recording) -> None:
-    equal = find_thresholds(real)[0]
+    equal = find_threshold(real)
     assert equal.low < 1.33 < equal.high
     assert 1.30 < equal.value < 1.40
