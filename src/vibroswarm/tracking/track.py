@@ -125,9 +125,9 @@ class Tracking:
             )
         if self.camera.place_error_m > PLACES_M:
             found.append(
-                f"Robots' places may be off by {number(1000 * self.camera.place_error_m, 0)} mm or more: lay a floor marker "
-                "at each corner of the arena, measure the camera's height (--camera-height), or film a chessboard "
-                "(--lens)."
+                f"Robots' places may be off by {number(1000 * self.camera.place_error_m, 0)} mm or more: lay a "
+                "floor marker at each corner of the arena, measure the camera's height (--camera-height), or film a "
+                "chessboard (--lens)."
             )
         return found
 
