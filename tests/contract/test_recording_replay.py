@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
@@ -15,10 +14,8 @@ from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import (
-    logged_outcomes,
     replay_recording,
     replay_strategies,
-    session_outcomes,
     with_beliefs,
 )
 from vibroswarm.result import Result
@@ -160,37 +157,3 @@ def test_another_strategy_decides_as_its_simulation_does(
         recording, scenario_of(recording, told).with_values({"sensor.rms_threshold": 0.5}), draws=1
     )
     assert other.robots["alpha"].mean() > 1.5 * robots["alpha"].mean()  # negative control
-
-
-def test_what_is_told(recording: Recording) -> None:
-    logged = logged_outcomes(recording)
-    replayed = session_outcomes(recording, replay_recording(recording, recording.scenario, draws=4))
-    assert [one.session for one in logged] == [one.session for one in replayed] == [1, 2]
-    for one in replayed:
-        assert sum(one.consensus.values()) == pytest.approx(1.0)
-        assert one.decision_time_low_s <= one.decision_time_s <= one.decision_time_high_s
-    assert np.isclose(logged[0].decision_time_s, recording.robots["decision_time_s"][:5].mean())
-
-
-def test_outcomes_of_two_draws_by_hand(recording: Recording) -> None:
-    """A robot that does not decide counts with its last sample; limits are quantiles of the draws."""
-    once = replay_recording(recording, recording.scenario, draws=1)
-    twice = replay_recording(recording, recording.scenario, draws=2)
-    assert twice.robots.filter(draw=0).equals(once.robots)
-    robots = once.robots.with_columns(decision=0, decision_time_s=pl.lit(100.0))
-    undecided = robots.with_columns(
-        draw=pl.lit(1, pl.UInt32),
-        decision=pl.when(pl.col("robot") < 2).then(-1).otherwise("decision"),
-        decision_time_s=pl.when(pl.col("robot") >= 2).then("decision_time_s"),
-    )
-    runs = pl.concat([once.runs, once.runs.with_columns(draw=pl.lit(1, pl.UInt32))])
-    two = replace(once, draws=2, robots=pl.concat([robots, undecided], how="vertical_relaxed"), runs=runs)
-    outcome = session_outcomes(recording, two)[0]
-    own = recording.motion.filter(pl.col("run") == 0)
-    last_s = [own.filter(pl.col("robot") == robot)["time_s"].max() for robot in (0, 1)]
-    second_s = (sum(last_s) + 300.0) / 5
-    assert second_s > 200.0
-    assert outcome.undecided == 0.2
-    assert outcome.decision_time_s == pytest.approx((100.0 + second_s) / 2)
-    assert outcome.decision_time_low_s == pytest.approx(100.0 + 0.05 * (second_s - 100.0))
-    assert outcome.decision_time_high_s == pytest.approx(100.0 + 0.95 * (second_s - 100.0))

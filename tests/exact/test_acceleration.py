@@ -17,12 +17,10 @@ from vibroswarm.sensors import Samples, sensor
 from vibroswarm.sensors.acceleration import (
     GRAVITY_M_S2,
     accelerations,
-    add_noise,
     response,
     sensing,
 )
 from vibroswarm.sensors.base import STUDY_GRID
-from vibroswarm.testing.sensor import check_sensor
 
 QUIET = {
     f"sensor.acceleration.{name}": 0.0
@@ -100,10 +98,6 @@ def test_a_coupled_pair_moves_as_its_closed_solution(frequency_hz: float) -> Non
     )
 
 
-def test_tiles_that_are_all_driven_slowly_alike_move_as_they_are_driven() -> None:
-    assert response((3, 4), 1e-3, quiet(coupling=0.3).sensor.params).sum(axis=1) == pytest.approx(1.0)
-
-
 def test_robots_feel_the_pair() -> None:
     """Without chance a sample on either tile is the sine of the closed solution."""
     p = quiet(motor_hz=(100.0,)).sensor.params
@@ -143,26 +137,6 @@ def test_straddling_robots_feel_the_root_mean_square_of_both_tiles() -> None:
     assert (far[far > 0.0] ** 2).mean() == pytest.approx(one**2, rel=0.2)
 
 
-def test_noise_has_its_standard_deviation_and_no_memory() -> None:
-    p = quiet(noise_m_s2=0.5).sensor.params
-    noise = accelerations(samples_at([0.1] * 200, [0, 0]), p) - np.array([0, 0, GRAVITY_M_S2])[:, None]
-    assert noise.std(axis=(0, 2)) == pytest.approx([0.5] * 3, rel=0.01)
-    lagged = (noise[..., 1:] * noise[..., :-1]).mean()
-    assert abs(lagged) < 4 * 0.25 / math.sqrt(noise.size)
-    assert abs((noise[:, 0] * noise[:, 2]).mean()) < 4 * 0.25 / math.sqrt(noise[:, 0].size)
-    gains = quiet(noise_m_s2=0.5, gain_spread=0.3).sensor.params  # robots' accelerometers magnify noise too
-    spreads = [accelerations(samples_at([0.1], [0, 0], robot=k), gains)[0, :2].std() for k in range(100)]
-    assert np.log(spreads).std() == pytest.approx(0.3, rel=0.2)
-
-
-def test_motors_wander_in_frequency_as_stated_and_apart_from_their_amplitude() -> None:
-    p = quiet(motor_hz=(100.0,), frequency_jitter=0.02, motor_jitter=0.5, coupling=0.0).sensor.params
-    wave = accelerations(samples_at([0.1] * 300, [1, 0], every_s=10.0), p)[:, 2] - GRAVITY_M_S2
-    middle, beside = wave[:, 1:-1], wave[:, 2:] + wave[:, :-2]  # beside = 2 cos(2 pi f / rate) middle
-    share = np.arccos((middle * beside).sum(axis=1) / (2.0 * (middle**2).sum(axis=1))) / (2.0 * math.pi)
-    assert (share * p.rate_hz).mean() == pytest.approx(100.0, abs=0.5)
-    assert (share * p.rate_hz).std() == pytest.approx(2.0, rel=0.15)
-    assert np.corrcoef(share, np.log((wave**2).mean(axis=1)))[0, 1] == pytest.approx(0.0, abs=0.2)
 
 
 def test_motors_of_kinds_have_their_shares_of_the_amplitude() -> None:
@@ -178,8 +152,6 @@ def test_motors_of_kinds_have_their_shares_of_the_amplitude() -> None:
     assert uneven == pytest.approx(even * [1.0, 0.25], rel=0.01)
 
 
-def test_it_is_a_sensor() -> None:
-    assert [finding for finding in check_sensor("acceleration") if not finding.holds] == []
 
 
 def test_the_energies_are_near_the_recordings() -> None:
@@ -187,14 +159,6 @@ def test_the_energies_are_near_the_recordings() -> None:
     positive, negative = error_rates(scenario().with_values({"sensor.rms_threshold": 1.55}).sensor)
     assert positive == pytest.approx(0.11, abs=0.03)
     assert negative == pytest.approx(0.22, abs=0.05)
-
-
-def test_shares_of_one_threshold_are_not_those_of_another() -> None:
-    shares = [
-        MODEL.shares_up_to(0, np.ones(1), scenario().with_values({"sensor.rms_threshold": at}).sensor.params)
-        for at in (0.5, 1.0, 2.0)
-    ]
-    assert shares[0] < shares[1] < shares[2]
 
 
 def test_closed_loop_and_tables_are_equal() -> None:
@@ -265,14 +229,3 @@ def test_a_sample_measures_the_features_that_are_asked_for() -> None:
     )
     assert found["peak_hz"] == pytest.approx(100.0, abs=0.3)
     assert found["peak_height"] == pytest.approx(own, rel=0.05)
-
-
-def test_noise_is_made_of_the_published_numbers_of_splitmix64() -> None:
-    """The first numbers from the state 1234567, by Vigna's program; each is summed by its four 16-bit parts."""
-    numbers = [6457827717110365317, 3203168211198807973, 9817491932198370423]
-    out = np.zeros((3, 1))
-    with np.errstate(over="ignore"):  # whole numbers modulo 2^64
-        add_noise(out, 2.0, 1234567)
-    sums = [sum(number >> shift & 0xFFFF for shift in (0, 16, 32, 48)) for number in numbers]
-    middle = 4 * 65535 / 2
-    assert out[:, 0] == pytest.approx([2.0 * math.sqrt(3.0) * (found - middle) / 65536 for found in sums])

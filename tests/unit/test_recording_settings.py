@@ -12,7 +12,6 @@ import pytest
 from helpers.recordings import write_log
 from vibroswarm.recordings.infer import (
     infer_settings,
-    infer_tau,
 )
 from vibroswarm.recordings.read import read_log
 from vibroswarm.scenario.scenario import Scenario
@@ -47,13 +46,6 @@ def test_what_ran_is_found(told: Scenario, tmp_path: Path, gate: str, strategy: 
     assert settings["decision.min_observations"].low <= least <= settings["decision.min_observations"].high
 
 
-def test_one_robot_does_not_tell_the_strategy(logs: list[Path]) -> None:
-    log = read_log(logs[0])
-    alone = replace(log, samples=log.samples.filter(pl.col("robot") == 1))
-    strategy = next(one for one in infer_settings([alone]) if one.name == "strategy.name")
-    assert strategy.value is None
-
-
 def test_clocks_that_differ_tell_no_strategy(told: Scenario, tmp_path: Path) -> None:
     """With one clock 5 s late what robots received is not what others sent, and soft feedback seems the likeliest."""
     undecided = {"decision.min_observations": 10_000, "strategy.name": "none", "run.t_end_s": 900.0}
@@ -73,18 +65,3 @@ def test_bits_that_are_logged_tell_threshold_and_strategy(console_logs: list[Pat
     settings = {one.name: one for one in infer_settings(logs)}
     assert settings["strategy.name"].value == "positive"
     assert settings["sample.sample_interval_ms"].value == 2000
-
-
-def test_tau_is_found_where_rows_cut_its_intervals(tmp_path: Path) -> None:
-    """Rows every 0.22 s: an interval of 4.78 s is logged as 4.84 or 4.62 s, and a late row makes 5.06 s of one."""
-    spacings_s = ([4.84] * 3 + [4.62]) * 30 + [5.06] * 2
-    columns = {"whole": True, "spacing_s": spacings_s, "avoid_s": 0.0, "stop_s": 1.0}
-    tau = infer_tau(pl.DataFrame(columns))
-    assert tau.low <= 3778 <= tau.high
-    assert tau.number == 122
-    alike = infer_tau(
-        pl.DataFrame(columns | {"spacing_s": [4.8] * 30})
-    )  # less a stop of 1 s and up to 0.04 s
-    assert (alike.low, alike.high) == pytest.approx((3760 - 20, 3760 + 40 + 20))
-    stated = pl.DataFrame(columns | {"stop_s": pl.Series([None] * 122, dtype=pl.Float64)})
-    assert infer_tau(stated, stop_s=5.0).value is None

@@ -67,29 +67,6 @@ def figures(
     print_report(of_figures(found, at), as_json=json)
 
 
-def bursts(
-    *folders: Recordings,
-    errors: Annotated[
-        bool, Option("also standard errors, by leaving out one receiver at a time (minutes)")
-    ] = False,
-    json: Json = False,
-) -> None:
-    """Fit independent losses and bursts (Gilbert-Elliott, by receiver) to counts of received messages in recordings.
-
-    Takes about half a minute for an hour of five robots.
-
-    example:
-      vibroswarm calibrate bursts lab --errors
-    """
-    from vibroswarm.calibrate.message_loss import compare_models, windows_of
-    from vibroswarm.recordings.recording import read_result
-
-    windows = [one for folder in folders for one in windows_of(read_result(folder))]
-    with progress_bar("fitting"):
-        found = compare_models(windows, errors=errors)
-    print_report(found, as_json=json)
-
-
 CANDIDATES = 4000
 """Default of ``--candidates``: that of ``fit_avoidance``, which takes long to import; a test compares them."""
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import deliver, print_report, print_saved_file
 from vibroswarm.cli.inspection import size
-from vibroswarm.cli.option_values import pair_of, refuse
+from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Drawn, Force, Json, OutFile, Required, ScenarioOptions
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.scenario_options import keywords_of, scenario_from, scenario_named
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from vibroswarm.recordings.log import Log
     from vibroswarm.scenario.scenario import Scenario
 
-costs = pair_of(":", "A:B, such as 1:5", float, low=0)
-"""Reads the costs of a false positive and of a false negative, of which only the ratio matters."""
 Folder = Annotated[Path, Option("folder of a recording (lab import)", "DIR")]
 
 
@@ -188,10 +186,6 @@ def threshold(
     folder: Folder,
     /,
     *,
-    costs: Annotated[
-        tuple[float, ...],
-        Option("cost of a false positive to that of a false negative (default 1:1)", "A:B", read=costs),
-    ] = (1.0, 1.0),
     at: Annotated[float | None, Option("also report on this threshold", "THETA", low=0)] = None,
     out: OutFile = None,
     law: Annotated[
@@ -210,12 +204,11 @@ def threshold(
 ) -> None:
     """Recommend a threshold theta_E from recordings on a known floor, and say whether the floor is decidable with it.
 
-    It is that of equal error, or of the given costs; its errors stand beside those of the threshold in use. With
+    It is that of equal error; its errors stand beside those of the threshold in use. With
     several sessions, each is also judged by the threshold of the others. The scenarios of --out and --law have the
-    threshold of --at, else that of --costs, else that of equal error.
+    threshold of --at, else that of equal error.
 
     examples:
-      vibroswarm lab threshold lab --costs 1:5
       vibroswarm lab threshold lab --law law.toml       then: vibroswarm inspect other --laws law.toml
     """
     from vibroswarm.inspection.laws import law_of_recordings, law_table, write_law
@@ -225,7 +218,7 @@ def threshold(
     _check_scenario_files(out, law, base, force=force)
     recording = Recording.read(folder)
     scenario = recording.scenario if base is None else scenario_named(base)
-    found = recommend(recording, (costs[0], costs[1]), at)
+    found = recommend(recording, at)
     written = round(found.chosen.value, found.chosen.decimals)
     scenario = scenario.with_values({"sensor.rms_threshold": written})
     if law is not None:

@@ -35,7 +35,7 @@ class MarkerOptions:
     markers: Annotated[
         str,
         Option(
-            "which markers are where (TOML, docs/camera.md); or ids on robots 0, 1, ..., such as 0,1,2,3,4, with "
+            "which markers are where (TOML, docs/lab.md); or ids on robots 0, 1, ..., such as 0,1,2,3,4, with "
             "floor markers in the usual places",
             "FILE|IDS",
         ),

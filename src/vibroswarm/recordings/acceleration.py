@@ -29,7 +29,7 @@ from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import count, number, stated
 from vibroswarm.errors import InputError
 from vibroswarm.observation.observe import sense_program
-from vibroswarm.recordings.log import SAMPLES, Log, log_frame
+from vibroswarm.recordings.log import SAMPLES, Log
 from vibroswarm.recordings.read_tables import ACCELERATIONS, Use, files_of, plain_name, read_rows
 from vibroswarm.robot.sensing import SenseProgram, SenseState, energy, readings, sense_step
 from vibroswarm.scenario.scenario import Scenario
@@ -197,19 +197,17 @@ def computed(log: Log, path: Path, program: SenseProgram) -> Computed:
             "times have to be those of the acceleration: numbers, not timestamps", field=log.name
         )
     found, before = read_acceleration(path, program.rate_hz), log.samples["energy"].to_numpy()
-    samples = log.samples if log.samples.height else _samples_in(found.rows, log, path, program)
+    samples = log.samples
     windows = list(_windows(samples, found.rows, path, program))
     gravity = gravity_in(windows)
     if not gravity.is_there:  # along the axis that is shaken most
         axis = strongest_axis(windows)
         windows = [_along(one[:, axis]) for one in windows]
     energies = np.array([chain_energy(one, program) for one in windows])
-    made = (
-        f"{samples.height} energies computed from"
-        if before.size
-        else f"{count(samples.height, 'sample')} found in"
+    words = (
+        f"{log.name}: {samples.height} energies computed from {path} ({readings(program)} readings at "
+        f"{stated(program.rate_hz)} Hz each)"
     )
-    words = f"{log.name}: {made} {path} ({readings(program)} readings at {stated(program.rate_hz)} Hz each)"
     if before.size and np.isfinite(before).any():
         largest = float(np.nanmax(np.abs(energies - before)))
         words += f"; they differ from the log's by up to {number(largest, digits=3)}"
@@ -259,35 +257,6 @@ def _windows(
                 field=str(path),
             )
         yield values[window]
-
-
-def _samples_in(rows: pl.DataFrame, log: Log, path: Path, program: SenseProgram) -> pl.DataFrame:
-    """Return the samples at the ends of long enough stops, with the places of a log, as ``log.log_frame``."""
-    found = []
-    for own in rows.partition_by("robot", maintain_order=True):
-        robot = own["robot"][0]
-        track = log.tracks.filter(robot=robot).sort("time_s")
-        if track.is_empty():
-            raise InputError(f"has no places of robot {robot}, which {path} has", field=log.name)
-        placed = own.with_columns(**_places_at(track, own["time_s"].to_numpy()))
-        stops = stops_of(placed, program.signal_ms / 1000.0)
-        found += [stop.tail(1) for stop in stops if stop.height >= readings(program)]
-    if not found:
-        raise InputError(
-            f"has no stop with the {readings(program)} readings of a sample; stops end where readings pause, or where "
-            "the place changes",
-            field=str(path),
-        )
-    return log_frame(pl.concat(found).select("line", "robot", "time_s", "x_m", "y_m"))
-
-
-def _places_at(track: pl.DataFrame, time_s: Floats) -> dict[str, pl.Series]:
-    """Return places of a robot at some times, on straight lines between tracked ones, and headings if all are known."""
-    known = {name: track[name].to_numpy() for name in ("x_m", "y_m")}
-    if track["heading_rad"].null_count() == 0:
-        known["heading_rad"] = np.unwrap(track["heading_rad"].to_numpy())
-    at_s = track["time_s"].to_numpy()
-    return {name: pl.Series(np.interp(time_s, at_s, values)) for name, values in known.items()}
 
 
 def stops_of(rows: pl.DataFrame, signal_s: float, stop_s: float | None = None) -> Iterator[pl.DataFrame]:

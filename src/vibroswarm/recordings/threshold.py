@@ -1,4 +1,4 @@
-"""Choose the sensor's threshold theta_E from a recording on a known floor, by equal error or by costs.
+"""Choose the sensor's threshold theta_E from a recording on a known floor, by equal error.
 
 Also compute whether the floor's question can be decided with the threshold.
 
@@ -6,7 +6,6 @@ Also compute whether the floor's question can be decided with the threshold.
 |---|---|---|
 | false positive, false negative | a(theta), b(theta) | share of still samples with E > theta, of vibrating ones with E <= theta |
 | equal error | - | a(theta) = b(theta) |
-| expected cost | - | c_a (1 - f) a(theta) + c_b f b(theta), f the fill ratio; least error: c_a = c_b |
 | edge distance | - | from a sample to the nearest tile of the other kind |
 
 A sample's label is the kind of tile (vibrating or still) under the robot's centre. Samples are neither independent nor
@@ -18,16 +17,13 @@ The interval then holds for other such robots and tiles. The random numbers depe
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats, Ints
-from vibroswarm.core.numbers import stated
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError, check_kind
 from vibroswarm.floors.floor import Floor, refuse_changes, refuse_kinds
@@ -79,15 +75,10 @@ def robot_clusters(samples: pl.DataFrame) -> Ints:
     return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
 
 
-Rule = Callable[[Floats, Bools, Floats], float]
-"""A threshold from energies, labels and weights of samples, (samples,) each."""
-
 RESAMPLES: Final = 400
 """Number of bootstrap draws."""
 _SEED: Final = 7
 """Seed of the bootstrap; it is fixed, so that a recording always has the same limits."""
-EDGES_M: Final = (0.0, 0.01, 0.02, 0.04, 0.06, np.inf)
-"""Limits of the classes of edge distance in an error profile."""
 
 
 class Rates(NamedTuple):
@@ -131,19 +122,6 @@ class Threshold:
     def tells_kinds_apart(self) -> bool:
         """Whether samples on vibrating tiles read as vibrating more often than those on still tiles."""
         return self.all_samples.false_positive + self.all_samples.false_negative < 1.0
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields as a dictionary, with nested values as dictionaries.
-
-        Of the share by session it has only the estimate and its limits. Here and in ``decidable``, numbers that are not
-        finite become None. Elsewhere nan stays nan, and the caller replaces it before it writes JSON.
-        """
-        share = self.share_by_session.as_dict()
-        return {name: getattr(self, name) for name in ("rule", "value", "low", "high")} | {
-            "all_samples": self.all_samples._asdict(),
-            "share_by_session": {name: share[name] for name in ("estimate", "low", "high")},
-            "decidable": self.decidable.as_dict(),
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,61 +262,20 @@ def equal_error(energy: Floats, vibrating: Bools, weight: Floats) -> float:
     return float(thresholds[k - 1] + share * (thresholds[k] - thresholds[k - 1]))
 
 
-def least_cost(cost_false_positive: float, cost_false_negative: float, fill_ratio: float) -> Rule:
-    """Return a rule: a function that computes the threshold with the least expected cost.
+def find_threshold(recording: Recording, data: Labelled | None = None) -> Threshold:
+    """Find theta_E by equal error, with limits from a bootstrap over robots and tiles.
 
     Args:
-        cost_false_positive, cost_false_negative: c_a and c_b, above 0. fill_ratio: f.
-    """
-
-    def rule(energy: Floats, vibrating: Bools, weight: Floats) -> float:
-        """Compute the threshold from energies, kinds of tile and weights of samples, (samples,) each."""
-        thresholds, false_positive, false_negative = error_curves(energy, vibrating, weight)
-        lowest_energy = float(energy.min())
-        if lowest_energy > 0:  # a threshold below all energies, with which every sample reads as vibrating
-            thresholds = np.append(lowest_energy / 2, thresholds)
-            false_positive, false_negative = np.append(1.0, false_positive), np.append(0.0, false_negative)
-        cost = (
-            cost_false_positive * (1 - fill_ratio) * false_positive
-            + cost_false_negative * fill_ratio * false_negative
-        )
-        # Several thresholds may have the lowest cost, up to rounding. The mean of neighbours has this cost too, that of
-        # others may not. So the mean is that of the longest range of neighbours, of several the lowest.
-        lowest = np.flatnonzero(cost <= cost.min() + 1e-12)
-        ranges = np.split(lowest, np.flatnonzero(np.diff(lowest) > 1) + 1)
-        return float(thresholds[max(ranges, key=len)].mean())
-
-    return rule
-
-
-def find_thresholds(
-    recording: Recording, cost_false_positive: float = 1.0, cost_false_negative: float = 1.0
-) -> list[Threshold]:
-    """Find theta_E by equal error, and by least expected cost.
-
-    Args:
-        cost_false_positive, cost_false_negative: c_a and c_b; only their ratio matters.
+        data: samples of the recording, from ``labelled``; None: they are computed here.
     Raises:
         InputError: samples are on one kind of tile only.
     """
-    data = labelled(recording)
-    found = []
-    for name, rule in _rules(cost_false_positive, cost_false_negative, data.fill_ratio).items():
-        value = rule(data.energy, data.vibrating, np.ones(data.energy.size))
-        resampled = [rule(data.energy, data.vibrating, weight) for weight in _weights(data)]
-        # Without a draw (one kind of tile never got weight), the limits are the threshold itself.
-        low, high = np.quantile(resampled or [value], (0.025, 0.975)).tolist()
-        found.append(at_threshold(recording, value, data, name=name, low=low, high=high))
-    return found
-
-
-def _rules(cost_false_positive: float, cost_false_negative: float, fill_ratio: float) -> dict[str, Rule]:
-    costs = f"costs {stated(cost_false_positive)} to {stated(cost_false_negative)}"
-    name = "least error" if cost_false_positive == cost_false_negative else costs
-    return {
-        "equal error": equal_error,
-        name: least_cost(cost_false_positive, cost_false_negative, fill_ratio),
-    }
+    data = data or labelled(recording)
+    value = equal_error(data.energy, data.vibrating, np.ones(data.energy.size))
+    resampled = [equal_error(data.energy, data.vibrating, weight) for weight in _weights(data)]
+    # Without a draw (one kind of tile never got weight), the limits are the threshold itself.
+    low, high = np.quantile(resampled or [value], (0.025, 0.975)).tolist()
+    return at_threshold(recording, value, data, name="equal error", low=low, high=high)
 
 
 def at_threshold(
@@ -382,7 +319,7 @@ def share_of(is_wrong: Bools, samples: Bools) -> float:
     return float(is_wrong[samples].mean()) if samples.any() else float("nan")
 
 
-def unseen_errors(recording: Recording, rule: Rule = equal_error) -> pl.DataFrame:
+def unseen_errors(recording: Recording, data: Labelled | None = None) -> pl.DataFrame:
     """Return how each session is judged by a threshold of the others.
 
     Returns: session (from 1), threshold, and the error rates of its samples; empty with a single session.
@@ -390,67 +327,51 @@ def unseen_errors(recording: Recording, rule: Rule = equal_error) -> pl.DataFram
     Raises:
         InputError: samples are on one kind of tile only.
     """
-    data, rows = labelled(recording), []
+    data, rows = data or labelled(recording), []
     for session in np.unique(data.session):
         own = data.session == session
         if all(len(np.unique(data.vibrating[some])) == 2 for some in (own, ~own)):
-            value = rule(data.energy[~own], data.vibrating[~own], np.ones(int((~own).sum())))
+            value = equal_error(data.energy[~own], data.vibrating[~own], np.ones(int((~own).sum())))
             rows.append((int(session) + 1, value, *rates(data, value, own)[:2]))
     names = ("session", "threshold", "false_positive", "false_negative")
     return pl.DataFrame(rows, schema=names, orient="row")
 
 
-def edge_profile(data: Labelled, threshold: float) -> pl.DataFrame:
-    """Compute the error rates at a threshold by edge distance.
-
-    Returns: one row per class of ``EDGES_M``: from_m, to_m (exclusive), and the fields of ``Rates``.
-    """
-    spans = pl.DataFrame(list(pairwise(EDGES_M)), schema=["from_m", "to_m"], orient="row")
-    inside = [(data.edge_m >= from_m) & (data.edge_m < to_m) for from_m, to_m in spans.iter_rows()]
-    return spans.hstack(pl.DataFrame([rates(data, threshold, chosen)._asdict() for chosen in inside]))
-
-
 @dataclass(frozen=True)
 class Recommendation:
-    """Thresholds of a recording by several rules, and which one to use."""
+    """A threshold of a recording, and how it does beside others."""
 
     thresholds: tuple[Threshold, ...]
-    """By equal error, by costs, and the given one if there is one."""
-    chosen: Threshold
-    """The given one, else that of different costs, else that of equal error."""
+    """By equal error, and the given one if there is one."""
     in_use: Threshold
     """At the threshold of the recording, or of the scenario that it was read with if neither user nor logs told it."""
-    profile: pl.DataFrame
-    """Errors by edge distance at equal error (``edge_profile``)."""
     unseen: pl.DataFrame
     """How each session is judged by the threshold of the others (``unseen_errors``)."""
     law: pl.DataFrame | None = None
     """Table of the law of the sensor (``laws.law_table``); None: it was not fitted."""
 
+    @property
+    def chosen(self) -> Threshold:
+        """The given one, else that of equal error."""
+        return self.thresholds[-1]
 
-def recommend(
-    recording: Recording, costs: tuple[float, float] = (1.0, 1.0), at: float | None = None
-) -> Recommendation:
+
+def recommend(recording: Recording, at: float | None = None) -> Recommendation:
     """Recommend a threshold.
 
     Args:
-        costs: of a false positive and of a false negative; only their ratio matters. at: a given threshold; None: none.
+        at: a given threshold; None: none.
     Raises:
         InputError: samples are on one kind of tile only.
     """
-    data, differ = labelled(recording), costs[0] != costs[1]
-    thresholds = find_thresholds(recording, *costs)
-    if at is not None:
-        thresholds.append(at_threshold(recording, at, data))
+    data = labelled(recording)
+    given = () if at is None else (at_threshold(recording, at, data),)
     field = "sensor.rms_threshold"
     name = "in use" if recording.knows(field) else "of the scenario"
-    rule = least_cost(*costs, data.fill_ratio) if differ else equal_error
     return Recommendation(
-        thresholds=tuple(thresholds),
-        chosen=thresholds[-1 if at is not None or differ else 0],
+        thresholds=(find_threshold(recording, data), *given),
         in_use=at_threshold(recording, recording.scenario[field], data, name=name),
-        profile=edge_profile(data, thresholds[0].value),
-        unseen=unseen_errors(recording, rule),
+        unseen=unseen_errors(recording, data),
     )
 
 

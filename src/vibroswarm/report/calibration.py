@@ -1,4 +1,4 @@
-"""The reports of ``calibrate``: comparisons, figures of sessions, losses of messages, and fits."""
+"""The reports of ``calibrate``: comparisons, figures of sessions, and fits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from vibroswarm.calibrate.cross_validation import Fold
 from vibroswarm.calibrate.features import FEATURES, WORDS
 from vibroswarm.calibrate.fit import Fit
 from vibroswarm.calibrate.histograms import AXES, draw_maps, draw_shares, histograms_of
-from vibroswarm.calibrate.message_loss import LEAST_GAIN, LossFits
 from vibroswarm.calibrate.session_statistics import FIGURES
 from vibroswarm.calibrate.session_statistics import Figure as SessionFigure
 from vibroswarm.core.numbers import count, listed, number, percent, stated
@@ -92,30 +91,6 @@ def of_figures(figures: Mapping[str, Sequence[SessionFigure]], rms_threshold: fl
         title="Figures of sessions",
         answer=(f"Error rates are at a threshold of {stated(rms_threshold)}.",),
         parts={"figures": Table(pl.DataFrame(rows, infer_schema_length=None))},
-    )
-
-
-@report.register
-def of_losses(found: LossFits) -> Report:
-    """Return whether robots lose messages in bursts, by two models."""
-    models = {"independent": found.independent, "bursts": found.bursts}
-    rows = [
-        {"model": name, "lost_share": model.lost, **model.values, "AIC": model.aic}
-        for name, model in models.items()
-    ]
-    rows.append({"model": "independent, by receiver", "AIC": found.aic_by_receiver})
-    if found.errors:
-        rows.append({"model": "standard error of bursts", **found.errors})
-    gain = found.gain
-    verdict = "in bursts" if gain >= LEAST_GAIN else "independently" if gain <= 0.0 else "undecided"
-    return Report(
-        title="Losses of messages",
-        answer=(
-            f"Messages are lost: {verdict} (AIC of bursts lower by {number(gain, 1)}; {stated(LEAST_GAIN)} needed).",
-        ),
-        parts={"models": Table(pl.DataFrame(rows, infer_schema_length=None), "Models")},
-        setting=f"{count(len(found.windows), 'receiver')}, "
-        f"{count(sum(int(one.sent.sum()) for one in found.windows), 'message')}",
     )
 
 

@@ -47,10 +47,14 @@ def of_import(recording: Recording, computed: Sequence[str] = ()) -> Report:
         if one["told"].get(name)
     ]
     settings = [
-        {"setting": one["name"], "inferred": str(one["value"]), "low": one["low"], "high": one["high"],
-         "stated": str(recording.scenario[one["name"]]) if one["name"] in recording.stated else None}
+        {
+            "setting": one["name"],
+            "inferred": str(one["value"]),
+            "range": "" if one["low"] is None else f"{stated(one['low'])} to {stated(one['high'])}",
+            "stated": str(recording.scenario[one["name"]]) if one["name"] in recording.stated else "",
+        }
         for one in recording.inferred
-    ]  # fmt: skip
+    ]
     return Report(
         title="Recording",
         answer=(f"{count(recording.runs.height, 'session')} read.", recording.floor_words, *computed[:1]),
@@ -140,7 +144,6 @@ def of_threshold(found: Recommendation) -> Report:
     parts = {
         "thresholds": Table(pl.DataFrame(rows, infer_schema_length=None), "Thresholds", titles={"theta": "theta_E"}),
         "unseen": Table(found.unseen, "Each session at the threshold of the others"),
-        "edges": Table(found.profile, "Errors by distance from the edge", folded=True),
     }  # fmt: skip
     if found.law is not None:
         parts["law"] = Table(

@@ -89,7 +89,6 @@ KINDS: Final = {
     "vibroswarm.inspection.inspection": "inspection",
     "vibroswarm.calibrate.compare": "calibration",
     "vibroswarm.calibrate.fit": "calibration",
-    "vibroswarm.calibrate.message_loss": "calibration",
     "vibroswarm.tracking.track": "tracking",
     "vibroswarm.paper.reproduce": "reproduction",
     "vibroswarm.export.c_library": "export",

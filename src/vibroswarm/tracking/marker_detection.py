@@ -38,9 +38,6 @@ ENLARGED_PX: Final = 30.0
 LEAST_ROUND: Final = 0.5
 """Least circumference of a marker in its window, as a share of the window's longer side; that of a robot that stands is
 1.2 to 1.5. Looking into smaller figures, such as noise, would take most of the time."""
-STRETCH: Final = 4
-"""Number of successive whole frames over which shifts of the floor's markers are averaged: a camera that is pushed near
-the end of a video counts as much as one that moves all the time."""
 RIM: Final = 0.85
 """A rim is at least so white, from 0, a marker's black, to 1, its white."""
 SAMPLES: Final = 8
@@ -83,35 +80,19 @@ class Detections:
             marker: np.median([four for _, four in seen], axis=0) for marker, seen in self.floor_seen.items()
         }
 
-    def floor_shifts_px(self) -> dict[int, dict[int, float]]:
-        """Return how far the middle of each floor marker is from its median, px, by frame, by marker."""
-        return {
-            marker: {
-                frame: float(np.hypot(*(four - self.floor_px[marker]).mean(axis=0))) for frame, four in seen
-            }
-            for marker, seen in self.floor_seen.items()
-        }
-
     @cached_property
     def floor_spread(self) -> tuple[float, int]:
-        """How far all floor markers are from their medians, px, and the frame at which that is.
+        """How far floor markers are from their medians, px, and the frame at which that is most.
 
         The shift of a frame is the median over markers, so that it is the camera that moves, not one of many markers.
-        The result is the largest root mean square of the shifts of ``STRETCH`` successive whole frames, and the frame
-        of the largest shift among them.
         """
         by_frame: dict[int, list[float]] = {}
-        for shifts in self.floor_shifts_px().values():
-            for frame, shift in shifts.items():
+        for marker, seen in self.floor_seen.items():
+            for frame, four in seen:
+                shift = float(np.hypot(*(four - self.floor_px[marker]).mean(axis=0)))
                 by_frame.setdefault(frame, []).append(shift)
-        frames = sorted(by_frame)
-        shifts_px = np.array([np.median(by_frame[frame]) for frame in frames])
-        starts = range(max(len(frames) - STRETCH, 0) + 1) if frames else []
-        stretches = [(float(np.sqrt(np.mean(shifts_px[k : k + STRETCH] ** 2))), k) for k in starts]
-        if not stretches:
-            return 0.0, 0
-        largest_px, k = max(stretches)
-        return largest_px, frames[k + int(np.argmax(shifts_px[k : k + STRETCH]))]
+        shifts = [(float(np.median(each)), frame) for frame, each in by_frame.items()]
+        return max(shifts, default=(0.0, 0))
 
     def edge_px(self) -> Floats:
         """Return the median length of the edges of each robot's marker, (robots,), px; NaN if it was never seen."""

@@ -18,7 +18,6 @@ MAD is the median absolute deviation; 1.4826 MAD is the standard deviation of no
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -96,40 +95,14 @@ def stops_of(robot: int, time_s: Floats, x_m: Floats, y_m: Floats, heading_rad: 
         if away.max() < near_m and turned.max() < near_rad:
             stands[stretch] = True
     # ``stands`` changes at the first detection of a stop and at the first one after it: pairs of indices.
-    # A 0 at both ends makes a stop begin or end there too. A gap alone does not end a stop
-    # (``_parted``).
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(np.int8), [0]])))
-    poses, near = np.column_stack([x_m, y_m, heading]), np.array([near_m, near_rad])
     rows = []
-    stood = [
-        part for begin, after in edges.reshape(-1, 2) for part in _parted(begin, after, time_s, poses, near)
-    ]
-    for begin, after in stood:
+    for begin, after in edges.reshape(-1, 2):
         x, y, towards = (float(np.median(values[begin:after])) for values in (x_m, y_m, heading))
         moved = np.hypot(x_m - x, y_m - y) + LEVER_M * np.abs(heading - towards)
         end_s, end_seen = _end_of(after, time_s, moved)
         rows.append((robot, float(time_s[begin]), end_s, end_seen, x, y))
     return pl.DataFrame(rows, schema=STOPS, orient="row")
-
-
-def _parted(begin: int, after: int, time_s: Floats, poses: Floats, near: Floats) -> list[tuple[int, int]]:
-    """Divide detections of a standing robot at gaps after which it stands elsewhere: it drove while it was not seen.
-
-    Args:
-        begin, after: index of the first detection, and of the first one after them. poses: x (m), y (m) and heading
-            (rad) at each detection, (detections, 3). near: up to which distance (m) and angle (rad) poses are the same.
-    Returns: pairs such as ``begin`` and ``after``, one for each stop.
-    """
-    gaps = begin + 1 + np.flatnonzero(np.diff(time_s[begin:after]) > 2.0 * SHORTEST_S)
-    limits = [begin, *gaps.tolist(), after]
-    parts = [(limits[0], limits[1])]
-    for first, last in pairwise(limits[1:]):
-        x_m, y_m, heading = np.median(poses[first:last], axis=0) - np.median(poses[slice(*parts[-1])], axis=0)
-        if np.hypot(x_m, y_m) < near[0] and abs(heading) < near[1]:
-            parts[-1] = (parts[-1][0], last)
-        else:
-            parts.append((first, last))
-    return parts
 
 
 def _noise(values: Floats) -> float:

@@ -6,7 +6,7 @@ first frame, unless they are said to be on the robots' clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats
-from vibroswarm.core.numbers import count, number, some, stated
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
@@ -39,14 +39,8 @@ MOVED_PX: Final = 0.5
 """If the floor's markers move by more than this (``Detections.floor_spread``), the camera moves."""
 SMALL_PX: Final = 20.0
 """A marker with a smaller edge is read badly."""
-DARK: Final = 60.0
-"""A picture is dark if nine tenths of its pixels are below this grey level of 255."""
-FEW: Final = 0.95
-"""If robots are found in a smaller share of the frames, a dark picture is warned of."""
 PLACES_M: Final = 0.003
 """If places may be off by more, this is warned of."""
-FLOOR_WANTED: Final = 3
-"""With fewer markers of the floor, they are what makes places uncertain, however the lens is known."""
 FASTEST_M_S: Final = 0.5
 """Fastest speed of a robot. A position that it could reach from the position before, and leave for the one after, only
 at a higher speed is a misread marker."""
@@ -115,8 +109,6 @@ class Tracking:
                 f"missed and headings "
                 f"are rough: bring the camera nearer, film at a higher resolution, or print markers of {needed_mm} mm."
             )
-        if self.share_found() < FEW and (dark := _darkness(self.detections.samples)):
-            found.append(f"{dark[0].upper()}{dark[1:]}.")
         never = [
             name
             for name, edge in zip(self.markers.robots.values(), self.detections.edge_px(), strict=True)
@@ -133,23 +125,11 @@ class Tracking:
             )
         if self.camera.place_error_m > PLACES_M:
             found.append(
-                f"Robots' places may be off by {number(1000 * self.camera.place_error_m, 0)} mm or more: "
-                f"{self._why_off()}"
+                f"Robots' places may be off by {number(1000 * self.camera.place_error_m, 0)} mm or more: lay a "
+                "floor marker at each corner of the arena, measure the camera's height (--camera-height), or film a "
+                "chessboard (--lens)."
             )
         return found
-
-    def _why_off(self) -> str:
-        """Return why robots' places may be off, and what to do about it."""
-        seen = len(self.detections.floor_px)
-        if self.camera.calibrated or seen < FLOOR_WANTED:
-            return (
-                f"the camera's pose is known no better by the {count(seen, 'floor marker')} seen; lay one at each "
-                "corner of the arena, or larger ones."
-            )
-        return (
-            "seen so straight from above, the camera's height follows from the sizes of the markers alone. Measure it "
-            "(--camera-height), film a chessboard (--lens), or tilt the camera by 5 degrees."
-        )
 
 
 def track(
@@ -259,45 +239,24 @@ def wrapped(angle_rad: Floats) -> Floats:
     return np.asarray(np.angle(np.exp(1j * angle_rad)))
 
 
-def _darkness(frames: Sequence[Gray]) -> str:
-    """Return that the picture is dark, and what to do; empty if it is not."""
-    light = float(np.median([np.percentile(frame, 90) for frame in frames]))
-    if light >= DARK:
-        return ""
-    return f"the picture is dark (nine tenths are at most {number(light, 0)} of 255): use more light"
-
-
 def _why_none(frames: Sequence[Gray], markers: Markers) -> str:
-    """Return why frames show none of some markers, as far as they tell, and what to do."""
-    if dark := _darkness(frames):
-        return dark
-    mirrored = {*markers.robots, *markers.floor} & _ids_in(
-        [np.fliplr(one) for one in frames], markers.dictionary
-    )
-    if len(mirrored) > 1:
-        return (
-            f"the picture is mirrored (seen in a mirror it shows {_listed(mirrored)}): switch mirroring off"
-        )
+    """Return why frames show none of some markers, as far as they tell."""
     seen = {name: _ids_in(frames, name) for name in DICTIONARIES}
     best = max(
         seen, key=lambda name: len(seen[name])
     )  # of equally good ones the first, which is the smallest
     if len(seen[best]) > 1 and not seen[best] <= seen[markers.dictionary]:
-        return f"its markers are of the dictionary {best} ({_listed(seen[best])})"
-    shows = (
-        f"it shows {_listed(seen[markers.dictionary])}" if seen[markers.dictionary] else "it shows no marker"
+        return f"its markers are of the dictionary {best} ({sorted(seen[best])[:12]})"
+    return (
+        f"it shows the markers {sorted(seen[markers.dictionary])[:12]}; are they in it, not mirrored, at least "
+        f"{stated(SMALL_PX)} px wide and with a white rim?"
     )
-    return f"{shows}; are they in it, at least {stated(SMALL_PX)} px wide and with a white rim?"
 
 
 def _ids_in(frames: Sequence[Gray], dictionary: str) -> set[int]:
     detector = opencv().aruco.ArucoDetector(dictionary_of(dictionary))
     found = [detector.detectMarkers(np.ascontiguousarray(frame))[1] for frame in frames[::3]]
     return {int(number) for ids in found if ids is not None for number in np.asarray(ids).ravel()}
-
-
-def _listed(ids: Iterable[int]) -> str:
-    return some([str(number) for number in sorted(ids)], 12)
 
 
 def too_fast(time_s: Floats, centre_m: Floats) -> Bools:
