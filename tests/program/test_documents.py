@@ -101,7 +101,7 @@ def name_of(document: Path) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("svg_alone", "few_draws")
+@pytest.mark.usefixtures("svg_alone")
 @pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
 def test_the_code_runs(document, here, monkeypatch, request):
     if document.name == "studies.md":  # of all pictures of its study it plots one by name
