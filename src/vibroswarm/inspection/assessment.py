@@ -98,7 +98,7 @@ def assess(
         contrast: own_trials(samples, patches, shares, found.critical, contrast=contrast, seed=seed + 1).fit()
         for contrast in question.contrasts
     }
-    refusals = (*samples.doubts, *_refusals(samples, checks))
+    refusals: tuple[Refusal | Doubt, ...] = (*samples.doubts, *_refusals(samples, checks))
     return Assessment(question, found, stops, pods, checks, refusals, _visited(samples))
 
 

@@ -101,9 +101,10 @@ def _still_by_others(samples: Samples) -> NDArray[np.bool_]:
 
 
 def _away(samples: Samples, called: Sequence[Box]) -> NDArray[np.bool_]:
-    return ~np.any(
-        [near(samples, box) for box in called] or [np.zeros(samples.frame.height, dtype=bool)], axis=0
-    )
+    away = np.ones(samples.frame.height, dtype=bool)
+    for box in called:
+        away &= ~near(samples, box)
+    return away
 
 
 def _ranks(law: Law, values: Floats) -> Floats:

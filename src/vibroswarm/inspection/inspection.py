@@ -72,7 +72,7 @@ class Inspection:
             return pl.DataFrame()
         row, column = (index.ravel() for index in np.indices(self.samples.grid.tiles.shape))
         truth = pl.lit(None, pl.UInt8) if self.vibrates is None else pl.Series(self.vibrates[-1])
-        each: dict[int | None, Floats] = {None: self.pooled[-1], **self.own}
+        each: list[tuple[int | None, Floats]] = [(None, self.pooled[-1]), *self.own.items()]
         frames = [
             pl.DataFrame({"row": row, "column": column, "vibrating": p}).select(
                 pl.lit(0, pl.UInt32).alias("run"),
@@ -81,7 +81,7 @@ class Inspection:
                 spread=(pl.col("vibrating") * (1.0 - pl.col("vibrating"))).sqrt(),
                 vibrates=truth,
             )
-            for robot, p in each.items()
+            for robot, p in each
         ]
         return pl.concat(frames)
 
