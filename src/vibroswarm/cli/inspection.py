@@ -85,7 +85,8 @@ class Damage:
     ] = None
     least_cm: Annotated[float, Option("side of the smallest damage that must be found", "CM", low=0.1)] = 10.0
     contrasts: Annotated[
-        tuple[float, ...], Option("contrasts of damage that must be found; 1: as in the reference", "C,...")
+        tuple[float, ...],
+        Option("contrasts of damage that must be found; 1: as in the reference", "C,...", low=0.01, high=1),
     ] = (1.0, 0.75, 0.5)
     prior: Annotated[float, Option("probability of damage before any sample", "P%", read=share)] = 0.5
     risk: Annotated[float, Option("tolerated probability of damage after clearing", "P%", read=share)] = 0.05

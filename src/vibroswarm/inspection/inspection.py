@@ -23,7 +23,7 @@ from vibroswarm.inspection.laws import (
     law_of_scenario,
 )
 from vibroswarm.inspection.patches import SIZES_M, Sides
-from vibroswarm.inspection.samples import Floats, Law, Samples, check_law
+from vibroswarm.inspection.samples import Floats, Law, Samples
 from vibroswarm.inspection.scan import REPLICATES
 from vibroswarm.inspection.sources import Origin, samples_of_csv, samples_of_result
 from vibroswarm.inspection.stopping import Question
@@ -139,7 +139,6 @@ def inspect(
         result = simulate(result, seed, [run]) if isinstance(result, Scenario) else result
         law = _law_of(result, run, laws, spreads, draws, bits=bits)
         samples = samples_of_result(result, run, law, bits=bits, spread_m=spread_m)
-    check_law(samples.law)
     time_s = samples.column("time_s")
     times_s = np.unique(np.linspace(time_s.min(), time_s.max(), TIMES))
     damage: dict[str, Any] = {
