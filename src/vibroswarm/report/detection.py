@@ -37,13 +37,9 @@ def of_detection(detection: Detection) -> Report:
     knows = known_beyond([scenario])[0]
     parts: dict[str, Table | Figure] = {
         "found": Table(_as_shares(hardest), "Found", found_caption, titles),
-        "needed": Table(_needed(tables["needed"]), "Every floor", needed_caption, NEEDED),
+        "every_floor": Table(_needed(tables["needed"]), "Every floor", needed_caption, NEEDED),
         **dict(_figures(detection)),
-        **{
-            name: Table(_as_shares(tables[name]), title, folded=True)
-            for name, title in FOLDED.items()
-            if name in tables
-        },
+        **{name: Table(tables[name], title, folded=True) for name, title in FOLDED.items() if name in tables},
     }
     asked = setting(scenario, ("floor.source", "swarm.robots"))
     runs = f"{count(detection.runs, 'run')} each, seed {detection.seed}"
@@ -58,6 +54,7 @@ def of_detection(detection: Detection) -> Report:
 
 
 FOLDED: Final = {
+    "needed": "Every floor, all columns",
     "maps": "Maps",
     "detection": "Misses and false alarms over time",
     "pairs": "All pairs of floors",
@@ -126,7 +123,7 @@ def _answer(hardest: pl.DataFrame, detection: Detection) -> Iterator[str]:
         return
     for (robots,), rows in hardest.group_by("robots", maintain_order=True):
         nearest = rows.drop_nulls("time_s").sort("fill_ratio").head(1).to_dicts()
-        who = f"{count(robots, 'robot')} with {scenario.strategy.name}"  # type: ignore[arg-type]
+        who = f"{count(robots, 'robot')} with {scenario.strategy.name}"
         if not nearest:
             yield f"{who}: none of these floors within {stated(scenario.run.t_end_s)} s."
             continue
