@@ -23,7 +23,6 @@ from vibroswarm.run_page.payload import RunRecord
 
 pytest_plugins = [
     "helpers.numba_programs",
-    "helpers.few_draws",
     "helpers.recordings",
     "helpers.browser",
     "helpers.page_browser",

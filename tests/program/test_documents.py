@@ -98,9 +98,9 @@ def name_of(document: Path) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("blank_pictures", "few_draws")
+@pytest.mark.usefixtures("blank_pictures")
 @pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
-def test_the_code_runs(document, here, monkeypatch, request):
+def test_the_code_runs(document, here, monkeypatch):
     main_module = ModuleType("__main__")  # what is typed in there can be found by its name
     monkeypatch.setitem(sys.modules, "__main__", main_module)
     names: dict[str, object] = vars(main_module)

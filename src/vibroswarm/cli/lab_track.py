@@ -139,7 +139,7 @@ def track(
         recording.write_into(output.out)
         (output.out / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
     write_tables(output.out, tracking)
-    deliver(tracking_document(tracking, tracked, samples), output)
+    deliver(tracking_document(tracking, tracked, samples), output, is_result=True)
 
 
 def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> pl.DataFrame | None:

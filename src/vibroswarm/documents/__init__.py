@@ -12,7 +12,6 @@ from typing import Final
 from vibroswarm.show.document import Document
 
 DOCUMENTS: Final = {
-    "vibroswarm.inspection.inspection.Inspection": "inspection:inspection_document",
     "vibroswarm.calibrate.message_loss.LossFits": "calibration:message_loss_document",
     "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
     "vibroswarm.recordings.replay.Replays": "recording:replay_document",
