@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
@@ -28,20 +25,22 @@ from vibroswarm.inspection.samples import (
     session_hash,
 )
 from vibroswarm.observation.energy_model import energy_of
+from vibroswarm.recordings.read_tables import Use, read_rows
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_fields import failing_sensors
 
 KEY: Final = ("run", "robot", "sample")
-UNITS: Final = {
-    "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048,
-    "s": 1.0, "ms": 0.001, "us": 1e-6, "min": 60.0, "h": 3600.0,
-}  # fmt: skip
-"""How many m or s a unit is."""
-VALUES: Final = ("value", "energy", "rms", "observation")
-"""Names of the column of values."""
-MISSING: Final = ("", "nan", "none", "null", "na", "n/a")
-"""Texts of empty cells."""
+LARGEST: Final = 1e9
+COLUMNS: Final = {
+    "robot": Use(pl.Int64, 0, 2**16 - 1, "the number of a robot"),
+    "time_s": Use(pl.Float64, -LARGEST, LARGEST, "a time"),
+    "x_m": Use(pl.Float64, -LARGEST, LARGEST, "a place", required=True),
+    "y_m": Use(pl.Float64, -LARGEST, LARGEST, "a place", required=True),
+    "spread_m": Use(pl.Float64, 0.0, LARGEST, "a standard deviation"),
+    "value": Use(pl.Float64, -LARGEST, LARGEST, "a number", also=("energy", "rms", "observation")),
+}
+"""Columns of a CSV of places and values."""
 WIDEST: Final = 4.5
 """Ends of the values that a law knows, as standard normal quantiles."""
 
@@ -201,34 +200,23 @@ def samples_of_csv(
     Raises:
         InputError: the file cannot be read, or a column is missing.
     """
-    table, numbers = _read(path)
-    x_m, y_m = numbers("x"), numbers("y")
-    if x_m is None or y_m is None:
-        raise InputError(
-            f"needs columns such as x_mm and y_mm; it has {', '.join(table.columns)}", field=str(path)
-        )
-    width_m, height_m = size_m
+    read = read_rows([path], COLUMNS)
+    if "value" not in read.columns:
+        raise InputError(f"has no column 'value' (or {', '.join(COLUMNS['value'].also)})", field=str(path))
+    rows, (width_m, height_m) = read.rows, size_m
     if origin == "centre":
-        x_m, y_m = x_m + 0.5 * width_m, y_m + 0.5 * height_m
+        rows = rows.with_columns(pl.col("x_m") + 0.5 * width_m, pl.col("y_m") + 0.5 * height_m)
     elif origin == "top-left":
-        y_m = height_m - y_m
-    value = next((name for name in VALUES if name in table.columns), None)
-    if value is None:
-        raise InputError(f"needs a column {' or '.join(VALUES)}", field=str(path))
-    robot = table["robot"] if "robot" in table.columns else pl.Series(["0"] * table.height)
-    number = robot.cast(pl.UInt16, strict=False)
-    own_m = numbers("spread")
-    spread = pl.lit(spread_m) if own_m is None else own_m
-    frame = pl.DataFrame(
-        {"robot": robot.rank("dense").cast(pl.UInt16) - 1 if number.has_nulls() else number,
-         "time_s": numbers("time"), "x_m": x_m, "y_m": y_m, "value": numbers(value)}
-    ).with_columns(
-        pl.col("time_s").cast(pl.Float64).fill_null(0.0), true_x_m=None, true_y_m=None,
-        spread_x_m=spread, spread_y_m=spread,
-    ).filter(pl.col("value").is_finite())  # fmt: skip
+        rows = rows.with_columns(y_m=height_m - pl.col("y_m"))
+    spread = pl.col("spread_m").fill_null(spread_m) if "spread_m" in rows.columns else pl.lit(spread_m)
+    time_s = pl.col("time_s") if "time_s" in rows.columns else pl.lit(0.0)
+    frame = rows.drop_nulls("value").select(
+        pl.col("robot").cast(pl.UInt16), "x_m", "y_m", "value", time_s=time_s.fill_null(0.0), true_x_m=None,
+        true_y_m=None, spread_x_m=spread, spread_y_m=spread,
+    )  # fmt: skip
     doubts = (Doubt.COPIES,) * bool(frame.is_duplicated().any())
     doubts += (Doubt.OWN_LAW,) * (session_hash(frame["value"].to_numpy()) in law.sessions)
-    left_out = table.height - frame.height
+    left_out = read.missing + rows.height - frame.height
     source = f"'{path.name}'" + (f" ({left_out} rows without a value left out)" if left_out else "")
     return _samples(
         frame,
@@ -241,35 +229,3 @@ def samples_of_csv(
         doubts=doubts,
         truth_known=truth_known,
     )
-
-
-def _read(path: Path) -> tuple[pl.DataFrame, Callable[[str], pl.Series | None]]:
-    """Return the table of a CSV, all text, and a function that gives a column as numbers, in m or s.
-
-    Names of columns are in small letters with their units at the end: "X (mm)" is x_mm.
-    """
-    text = path.read_bytes().decode("utf-8-sig", errors="replace")
-    mark = max(",;\t", key=text.partition("\n")[0].count)
-    try:
-        table = pl.read_csv(io.StringIO(text), separator=mark, infer_schema=False, comment_prefix="#")
-        plain = {name: re.sub(r"[\s(\[_]+", "_", name.strip().lower()).strip(")]_") for name in table.columns}
-        table = table.rename(plain).with_columns(pl.all().str.strip_chars())
-    except pl.exceptions.PolarsError as error:
-        raise InputError(f"is not a CSV: {error}", field=str(path)) from None
-
-    def numbers(use: str) -> pl.Series | None:
-        for name in table.columns:
-            unit = name.removeprefix(f"{use}_")
-            if name == use or (name != unit and unit in UNITS):
-                cells = table[name] if mark == "," else table[name].str.replace(",", ".", literal=True)
-                found = cells.cast(pl.Float64, strict=False)
-                wrong = found.is_null() & ~cells.str.to_lowercase().is_in(MISSING).fill_null(value=True)
-                if wrong.any():
-                    row = int(wrong.arg_true()[0])
-                    raise InputError(
-                        f"{cells[row]!r} is not a number", field=f"{path}, row {row + 2}, {name}"
-                    )
-                return found * UNITS.get(unit, 1.0)
-        return None
-
-    return table, numbers
