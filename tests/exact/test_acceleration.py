@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from helpers.closed_loop import followed, reads_as_tables
 from vibroswarm.floors.floor import Place
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.observation.observe import sense_program
@@ -117,27 +116,6 @@ def test_robots_feel_the_pair() -> None:
     assert np.abs(beside.real).max() < 1e-9  # a quarter of a turn apart
 
 
-def test_straddling_robots_feel_the_root_mean_square_of_both_tiles() -> None:
-    p = quiet(feet_m=0.04, coupling=0.0).sensor.params
-    found = accelerations(samples_at([0.2] * 200, [1, 0]), p)
-    heights = np.abs(found[:, 2] - GRAVITY_M_S2).max(axis=1)
-    assert heights == pytest.approx(p.amplitude_m_s2 * math.sqrt(0.5), rel=0.01)
-    # 15 mm from the edge, feet 20 mm from the middle are on both sides in directions within acos(0.75) of across it.
-    lateral = quiet(feet_m=0.04, coupling=0.0, lateral=0.1).sensor.params
-    found = accelerations(samples_at([0.185] * 400, [1, 0]), lateral)
-    heights = np.abs(found[:, 2] - GRAVITY_M_S2).max(axis=1)
-    straddles = heights < 0.85 * p.amplitude_m_s2
-    assert heights[straddles] == pytest.approx(p.amplitude_m_s2 * math.sqrt(0.5), rel=0.01)
-    assert straddles.mean() == pytest.approx(math.acos(0.75) / (math.pi / 2), abs=0.1)
-    # The horizontal motion is in the direction of the feet.
-    assert (np.abs(found[:, 0]).max(axis=1) / heights)[straddles].min() > 0.07
-    # Feet of a large robot are five tiles apart, or off the row: of those on it, the farther one was not felt.
-    row = [1] * 12
-    far = MODEL.sensed(samples_at([1.3] * 2000, row, 12), quiet(feet_m=1.0, coupling=0.0).sensor.params)[:, 0]
-    one = MODEL.sensed(samples_at([1.3], row, 12), quiet(coupling=0.0).sensor.params)[0, 0]
-    assert (far[far > 0.0] ** 2).mean() == pytest.approx(one**2, rel=0.2)
-
-
 def logs(samples: Samples, **fields: object) -> np.ndarray:
     """Logarithms of the energies of samples, without any other chance than that of fields."""
     return np.log(MODEL.sensed(samples, quiet(**fields).sensor.params)[:, 0])
@@ -151,34 +129,6 @@ def test_motors_keep_their_amplitude_for_a_time_and_are_felt_alike_by_all_robots
     assert held.mean(axis=1).std() == pytest.approx(0.5, rel=0.2)
     assert np.corrcoef(held.mean(axis=1)[1:], held.mean(axis=1)[:-1])[0, 1] == pytest.approx(0.0, abs=0.2)
     assert np.abs(one - other).max() < 0.02
-
-
-def test_motors_differ_for_a_run_and_robots_do() -> None:
-    times = {"every_s": 30.0}
-    tiles = [logs(samples_at([0.1] * 5, [1, 0], run=run, **times), motor_spread=0.3) for run in range(200)]
-    assert np.ptp(tiles, axis=1).max() < 0.02
-    assert np.mean(tiles, axis=1).std() == pytest.approx(0.3, rel=0.15)
-    # Two tiles of a run differ, and so do two robots; of motors that do not differ robots feel the same.
-    far, gains = {"coupling": 0.0, "motor_spread": 0.3}, {"gain_spread": 0.2}
-    pairs = np.array([logs(samples_at([0.1, 0.3], [1, 1], run=run), **far) for run in range(200)])
-    assert abs(np.corrcoef(pairs.T)[0, 1]) < 0.2
-    robots = np.array([logs(samples_at([0.1], [1, 0], robot=k), **gains)[0] for k in range(200)])
-    assert robots.std() == pytest.approx(0.2, rel=0.15)
-    runs = np.array([logs(samples_at([0.1], [1, 0], run=run), **gains)[0] for run in range(200)])
-    assert runs.std() == pytest.approx(0.2, rel=0.15)
-
-
-def test_motors_of_kinds_have_their_shares_of_the_amplitude() -> None:
-    samples, base = samples_at([0.1, 0.3], [1, 2]), quiet(coupling=0.0).with_values(SEVERAL)
-    section = "sensor.acceleration"
-    even, uneven = (
-        MODEL.sensed(samples, base.with_values(motors).sensor.params)[:, 0]
-        for motors in (
-            {f"{section}.motor_hz": (100.0, 140.0)},
-            {f"{section}.motor_hz": (100.0, 140.0), f"{section}.amplitude_shares": (1.0, 0.25)},
-        )
-    )
-    assert uneven == pytest.approx(even * [1.0, 0.25], rel=0.01)
 
 
 def test_the_window_is_the_chains() -> None:
@@ -201,20 +151,6 @@ def test_the_energies_are_near_the_recordings() -> None:
     positive, negative = error_rates(scenario().with_values({"sensor.rms_threshold": 1.55}).sensor)
     assert positive == pytest.approx(0.11, abs=0.03)
     assert negative == pytest.approx(0.22, abs=0.05)
-
-
-def test_closed_loop_and_tables_are_equal() -> None:
-    """A sensor of this kind that fails, on a floor that stays, is among the ways of ``test_faults``."""
-    changing = scenario().with_values(
-        {
-            "run.t_end_s": 150.0,
-            "sensor.rms_threshold": 1.2,
-            "decision.min_observations": 20,
-            "change.at_s": [50, 120],
-            "change.to": ["random:0.2", "random:0.8"],
-        }
-    )
-    assert reads_as_tables(*followed(changing.with_values({"strategy.name": "explore"}), 4))
 
 
 def test_its_law_of_energies_tells_the_kinds_apart() -> None:
@@ -246,19 +182,6 @@ def confusion(
         right[True] += is_right[from_edge_m >= 0.03].tolist()
         right[False] += is_right[from_edge_m < 0.01].tolist()
     return float(np.mean(right[True])), float(np.mean(right[False])), len(right[True])
-
-
-def test_three_motors_are_told_apart_by_their_frequency() -> None:
-    far, near, count = confusion((70.0, 105.0, 150.0), (1, 2, 3), 0.0)
-    assert far - 2 * math.sqrt(far * (1 - far) / count) > 0.95
-    assert near < 0.85  # a robot on an edge feels both tiles
-    alike, _, _ = confusion(
-        (70.0, 105.0, 245.0), (1, 2, 3), 0.0
-    )  # negative control: 245 Hz folds onto 105 Hz
-    assert alike < 0.75
-    motors = {"sensor.acceleration.motor_hz": (70.0, 105.0, 150.0)}
-    p = scenario().with_values(QUIET | SEVERAL | motors).sensor.params
-    assert MODEL.reading(MODEL.sensed(samples_at([0.1], [0, 0]), p), p).tolist() == [0]
 
 
 def test_a_sample_measures_the_features_that_are_asked_for() -> None:
