@@ -123,6 +123,8 @@ def compare_feature(feature: str, real: Sequence[Floats], simulated: Sequence[Fl
     count = min(len(all_real), len(all_simulated))
     scale = all_real.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
+    scaled = ([_thinned(one) / scale for one in sessions] for sessions in (real, simulated))
+    distance, real_distance = distances(*scaled)
     return Likeness(
         feature=feature,
         as_published=similarity(feature, all_real, all_simulated),
@@ -130,7 +132,8 @@ def compare_feature(feature: str, real: Sequence[Floats], simulated: Sequence[Fl
         at_equal_counts=at_equal_counts(feature, all_real, all_simulated, count),
         null=null_similarity(feature, all_real, count),
         ceiling=ceiling(feature, all_real, count, count),
-        **distances([_thinned(one) / scale for one in real], [_thinned(one) / scale for one in simulated]),
+        distance=distance,
+        real_distance=real_distance,
     )
 
 
@@ -185,8 +188,8 @@ def null_similarity(feature: str, real: Floats, count: int) -> float:
     return float(np.mean(similarities))
 
 
-def distances(real: Sequence[Floats], simulated: Sequence[Floats]) -> dict[str, Interval | None]:
-    """Return the energy distances ``distance`` and ``real_distance`` of sessions, (n, columns) each.
+def distances(real: Sequence[Floats], simulated: Sequence[Floats]) -> tuple[Interval, Interval | None]:
+    """Return the energy distances between real and simulated sessions, and among real ones, (n, columns) each.
 
     All real sessions are compared with the same simulated ones. So the variance of the mean is the sum of two: that
     of the means of real sessions and that of the means of simulated ones, each divided by the number of sessions. The
@@ -206,11 +209,11 @@ def distances(real: Sequence[Floats], simulated: Sequence[Floats]) -> dict[str, 
         half = float(stdtrit(fewest - 1, 0.5 + found.level / 2)) * error
         found = found._replace(low=found.estimate - half, high=found.estimate + half, n=fewest)
     if len(real) < 2:
-        return {"distance": found, "real_distance": None}
+        return found, None
     pairs = np.full((len(real), len(real)), np.nan)  # NaN: a session is not compared with itself
     for i, j in combinations(range(len(real)), 2):
         pairs[i, j] = pairs[j, i] = effect(real[i], real[j])
-    return {"distance": found, "real_distance": mean_interval(pseudo_values(np.nanmean(pairs, axis=1)))}
+    return found, mean_interval(pseudo_values(np.nanmean(pairs, axis=1)))
 
 
 def mean_distance(one: Floats, other: Floats | None = None) -> float:
