@@ -14,12 +14,11 @@ import polars as pl
 import pytest
 from numpy.typing import NDArray
 from scipy import ndimage, stats
+from vibroswarm.documents.run import run_document
 
 from helpers.closed_loop import followed, reads_as_tables
-from helpers.commands import output_of
 from helpers.recordings import write_log
 from vibroswarm import Scenario, preset, replay, simulate
-from vibroswarm.documents.run import run_document
 from vibroswarm.errors import InputError
 from vibroswarm.floors.changes import Changes, markov_changes
 from vibroswarm.floors.floor import Floor
@@ -28,7 +27,6 @@ from vibroswarm.observation.observe import kinds_at
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.recording import Recording
-from vibroswarm.recordings.replay import replay_recording
 from vibroswarm.recordings.threshold import labelled
 from vibroswarm.result import Result
 from vibroswarm.statistics.answers_over_time import answers_in
@@ -376,19 +374,6 @@ def test_the_floor_of_a_recording_may_change(tmp_path: Path, capsys: pytest.Capt
     assert (at_first == read).mean() < 0.5  # negative control: five sixths of the run lie after the change
     with pytest.raises(InputError, match="changes during the run"):
         labelled(recorded)
-    revising = {"strategy.name": "forget", "strategy.forget.memory": 80.0, "decision.revise": True}
-    revising |= {"decision.min_observations": 40, "decision.credible_threshold": 0.8}
-    replayed = replay_recording(recorded, recorded.scenario.with_values(revising), draws=2).answers
-    assert replayed is not None
-    assert replayed["draw"].to_list() == [0, 1]
-    run = answers_in(
-        simulate(simulated.scenario.with_values(revising), 4, 1)
-    )  # nothing is lost: it is that run
-    assert run["answer_delay_s"].item() == pytest.approx(replayed["answer_delay_s"][1], abs=0.5)
-    assert run["right_time_share"].item() == pytest.approx(replayed["right_time_share"][1], abs=0.005)
-    sets = ["--set", "min_observations=40", "--set", "forget.memory=80", "--set", "decision.revise=true"]
-    command = ["lab", "replay", str(tmp_path / "recording"), "--strategy", "forget", "--draws", "2", *sets]
-    assert "Answers over time" in output_of(capsys, *command)
 
 
 def test_a_run_in_which_no_robot_sampled_gave_no_answer() -> None:

@@ -27,7 +27,7 @@ from scipy.special import stdtrit
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.classifier import recognised
 from vibroswarm.calibrate.features import FEATURES, histogram, shapeless, values_of
-from vibroswarm.calibrate.samples import by_session
+from vibroswarm.calibrate.samples import as_published, by_session
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError, check_kind
@@ -103,9 +103,10 @@ def compare(real: Result, simulated: Result, *, camera: Camera | None = None) ->
         check_kind(result, Result, words, "a Result or a Recording")
     camera = camera_between(real, simulated) if camera is None else camera
     sessions = by_session(real), by_session(seen_through(simulated, camera))
+    published = as_published(real), as_published(seen_through(simulated, camera))
     values = {name: [[values_of(one, name) for one in part] for part in sessions] for name in FEATURES}
     likenesses = tuple(
-        compare_feature(name, *parts)
+        compare_feature(name, *parts, published=tuple(values_of(one, name) for one in published))
         for name, parts in values.items()
         if min((len(one) for part in parts for one in part), default=0) >= FEWEST
     )
@@ -117,8 +118,17 @@ def compare(real: Result, simulated: Result, *, camera: Camera | None = None) ->
     return Comparison(likenesses, recognised(*sessions), camera)
 
 
-def compare_feature(feature: str, real: Sequence[Floats], simulated: Sequence[Floats]) -> Likeness:
-    """Compare one feature of real and simulated sessions, each with at least ``FEWEST`` values, (n, columns)."""
+def compare_feature(
+    feature: str,
+    real: Sequence[Floats],
+    simulated: Sequence[Floats],
+    published: tuple[Floats, ...] = (),
+) -> Likeness:
+    """Compare one feature of real and simulated sessions, each with at least ``FEWEST`` values, (n, columns).
+
+    Args:
+        published: all real and all simulated values as the authors computed them, if they are others.
+    """
     all_real, all_simulated = np.concatenate(real), np.concatenate(simulated)
     count = min(len(all_real), len(all_simulated))
     scale = all_real.std(axis=0)
@@ -127,7 +137,7 @@ def compare_feature(feature: str, real: Sequence[Floats], simulated: Sequence[Fl
     distance, real_distance = distances(*scaled)
     return Likeness(
         feature=feature,
-        as_published=similarity(feature, all_real, all_simulated),
+        as_published=similarity(feature, *(published or (all_real, all_simulated))),
         count=count,
         at_equal_counts=at_equal_counts(feature, all_real, all_simulated, count),
         null=null_similarity(feature, all_real, count),
