@@ -137,8 +137,6 @@ def test_straddling_robots_feel_the_root_mean_square_of_both_tiles() -> None:
     assert (far[far > 0.0] ** 2).mean() == pytest.approx(one**2, rel=0.2)
 
 
-
-
 def test_motors_of_kinds_have_their_shares_of_the_amplitude() -> None:
     samples, base = samples_at([0.1, 0.3], [1, 2]), quiet(coupling=0.0).with_values(SEVERAL)
     section = "sensor.acceleration"
@@ -150,8 +148,6 @@ def test_motors_of_kinds_have_their_shares_of_the_amplitude() -> None:
         )
     )
     assert uneven == pytest.approx(even * [1.0, 0.25], rel=0.01)
-
-
 
 
 def test_the_energies_are_near_the_recordings() -> None:
@@ -196,19 +192,6 @@ def confusion(
         right[True] += is_right[from_edge_m >= 0.03].tolist()
         right[False] += is_right[from_edge_m < 0.01].tolist()
     return float(np.mean(right[True])), float(np.mean(right[False])), len(right[True])
-
-
-def test_three_motors_are_told_apart_by_their_frequency() -> None:
-    far, near, count = confusion((70.0, 105.0, 150.0), (1, 2, 3), 0.0)
-    assert far - 2 * math.sqrt(far * (1 - far) / count) > 0.95
-    assert near < 0.85  # a robot on an edge feels both tiles
-    alike, _, _ = confusion(
-        (70.0, 105.0, 245.0), (1, 2, 3), 0.0
-    )  # negative control: 245 Hz folds onto 105 Hz
-    assert alike < 0.75
-    motors = {"sensor.acceleration.motor_hz": (70.0, 105.0, 150.0)}
-    p = scenario().with_values(QUIET | SEVERAL | motors).sensor.params
-    assert MODEL.reading(MODEL.sensed(samples_at([0.1], [0, 0]), p), p).tolist() == [0]
 
 
 def test_a_sample_measures_the_features_that_are_asked_for() -> None:

@@ -9,7 +9,6 @@ import polars as pl
 import pytest
 from scipy import stats
 from scipy.spatial.distance import cdist
-from scipy.special import stdtrit
 
 from vibroswarm.calibrate.classifier import recognised
 from vibroswarm.calibrate.compare import (
@@ -50,9 +49,7 @@ def test_a_shapeless_simulation_is_near_its_null_however_high_its_similarity() -
 
 
 def effect_size(x: np.ndarray, y: np.ndarray) -> float:
-    found = distances([x], [y])["distance"]
-    assert found is not None
-    return found.estimate
+    return distances([x], [y])[0].estimate
 
 
 def test_energy_distance_is_that_of_scipy_less_its_bias() -> None:
@@ -90,30 +87,13 @@ def test_limits_among_sessions_allow_for_pairs_that_overlap() -> None:
     truth = np.mean([effect_size(*sessions(2)) for _ in range(3000)])
     held = []
     for _ in range(300):
-        found = distances(sessions(4), sessions(1))["real_distance"]
+        found = distances(sessions(4), sessions(1))[1]
         assert found is not None
         held.append(found.low <= truth <= found.high)
     assert np.mean(held) > 0.77
-    two = distances(sessions(2), sessions(1))["real_distance"]
+    two = distances(sessions(2), sessions(1))[1]
     assert two is not None
     assert math.isinf(two.high)
-
-
-@pytest.mark.parametrize(("real", "simulated"), [(8, 3), (4, 4)])
-def test_limits_allow_for_simulated_sessions_that_differ_too(real: int, simulated: int) -> None:
-    """Over real sessions alone they held it in 78 of 100 cases of 8 and 3 sessions, and in 86 of 4 and 4."""
-    rng = np.random.default_rng(11)
-
-    def sessions(count: int, shift: float) -> list[np.ndarray]:
-        return [rng.normal(shift + 0.3 * rng.normal(), size=(60, 1)) for _ in range(count)]
-
-    found = [distances(sessions(real, 0.0), sessions(simulated, 1.0))["distance"] for _ in range(200)]
-    effects = [one for one in found if one is not None]
-    truth = np.mean([one.estimate for one in effects])
-    assert np.mean([one.low <= truth <= one.high for one in effects]) > 0.92
-    # Not by being endless: limits of the least degrees of freedom, of the true standard deviation.
-    known = 2.0 * stdtrit(min(real, simulated) - 1, 0.975) * np.std([one.estimate for one in effects])
-    assert np.median([one.high - one.low for one in effects]) < 1.3 * known
 
 
 @pytest.fixture(scope="module")

@@ -61,18 +61,6 @@ def test_lines_are_where_the_sines_are(tmp_path: Path) -> None:
     assert sum(one.samples for one in found.spectra if one.group == "time") == 40
 
 
-def test_folded_motors_and_multiples_are_marked(tmp_path: Path) -> None:
-    path = file_of(recorded([(185.0, 1.0), (60.0, 2.0), (120.0, 0.6)], []), tmp_path)
-    found = spectra_of(path, axis="z", motors_hz=(185.0, 165.0))
-    words = {round(line.hz): line.words for line in found.whole.lines}
-    assert words[165] == "motor of kind 1: 185 Hz, folded; motor of kind 2: 165 Hz"
-    assert words[60] == ""
-    assert words[120] == "2 x 60.0 Hz"
-    assert any("look alike" in words for words in found.warnings)
-    apart = spectra_of(path, axis="z", motors_hz=(60.0, 120.0))
-    assert apart.warnings == ()
-
-
 def test_a_magnitude_doubles_horizontal_frequencies(tmp_path: Path) -> None:
     path = file_of(recorded([], [(40.0, 6.0)]), tmp_path)
     (line, *_) = spectra_of(path).whole.lines

@@ -19,8 +19,6 @@ from vibroswarm.calibrate.few_groups import limits_of, limits_of_bootstrap
 from vibroswarm.calibrate.fit_avoidance import (
     PRIOR,
     SUMMARIES,
-    AvoidanceFit,
-    fit_avoidance,
     posterior,
 )
 from vibroswarm.calibrate.fit_camera import fit_camera
@@ -29,7 +27,7 @@ from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import DRAWS, SCALED, SPREADS, _Between, fit_sensor
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
-from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
 FLOOR = Floor.filling([[0, 1, 0, 1, 0], [1, 0, 0, 1, 0], [1, 0, 1, 0, 1], [0, 1, 1, 0, 1], [1, 0, 0, 1, 0]])
@@ -235,14 +233,6 @@ def test_sensing_is_the_same_in_any_unit(found: Dataset, factor: float) -> None:
     assert fit_camera(scaled, draws=0).camera == fit_camera(found, draws=0).camera
 
 
-def test_edges_that_are_none_are_not_found() -> None:
-    plain = made(3, sensor__edge_reach_m=None, sensor__edge_blur_m=None, sensor__tile_spread=None)
-    values = fit_sensor(plain, draws=2).values
-    assert abs(values["edge_reach_m"]) < 0.003
-    assert values["edge_blur_m"] < 0.005
-    assert values["tile_spread"] < 0.08
-
-
 def test_losses_and_turns_that_are_finished(found: Dataset) -> None:
     def part(data: Dataset, step: Any) -> fit_module.Fit:
         return step(fit_module.Fit(BASE, data), fit_module.Options())
@@ -255,14 +245,6 @@ def test_losses_and_turns_that_are_finished(found: Dataset) -> None:
     name = "sample.interrupts_avoidance"
     assert not part(found, fit_module._interruption).changed[name]
     assert part(made(3, sample__interrupts_avoidance=True), fit_module._interruption).changed[name]
-
-
-def test_sessions_without_avoidance_in_their_log_do_not_spoil_its_fit(found: Dataset) -> None:
-    one, two = found.only([0]), found.only([0, 1])
-    unknown = pl.when(pl.col("run") == 0).then(pl.col("avoid_s"))
-    partly = replace(two, samples=two.samples.with_columns(avoid_s=unknown))
-    fits = [fit_avoidance(sessions, BASE, 0.055, candidates=20) for sessions in (one, partly)]
-    assert fits[0].values == fits[1].values
 
 
 def test_the_posterior_of_a_linear_model_is_where_it_must_be() -> None:
@@ -282,47 +264,6 @@ def test_the_posterior_of_a_linear_model_is_where_it_must_be() -> None:
     elsewhere = low + 0.2 * (high - low)
     draws, weights = posterior(tried, figures(tried), figures(np.tile(elsewhere, (3, 1))), (low, high))
     assert np.abs((weights @ draws - truth) / (high - low)).max() > 0.2  # negative control
-
-
-@pytest.fixture(scope="module")
-def fitted(found: Dataset) -> fit_module.Fit:
-    return fit_module.fit(found.only([0, 1, 2]), BASE, candidates=60)
-
-
-def test_a_fit_without_errors_is_the_same_fit(found: Dataset, fitted: fit_module.Fit) -> None:
-    quick = fit_module.fit(found.only([0, 1, 2]), BASE, candidates=60, errors=False)
-    assert (quick.changed, quick.scenario, quick.camera) == (fitted.changed, fitted.scenario, fitted.camera)
-    own = {"network.loss.share", *PRIOR}
-    assert {figure.name for figure in quick.figures} <= own < {figure.name for figure in fitted.figures} | own
-
-
-def test_robots_of_the_base_do_not_remain_in_a_fit_to_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The paper's robots have no speed of their own, no wandering and no starts of rays that differ."""
-    draws = {name: np.full(20, sum(limits) / 2) for name, limits in PRIOR.items()}
-    seen: list[Scenario] = []
-
-    def fitted_avoidance(_: Dataset, scenario: Scenario, *__: Any, **___: Any) -> AvoidanceFit:
-        seen.append(scenario)
-        return AvoidanceFit(draws, np.full(20, 0.05), {}, 0)
-
-    monkeypatch.setattr(fit_module, "fit_avoidance", fitted_avoidance)
-    recorded = dataset_of([simulate(BASE.with_values({"run.t_end_s": 600.0}), 42, 2, poses=True)])
-    calibrated = preset("calibrated").with_values(
-        {"floor.tiles": BASE.floor.tiles, "floor.source": "recorded", "robot.speed_run_spread": 0.05}
-    )
-    fitted = fit_module.fit(recorded, calibrated)
-    robot, known = fitted.scenario.robot, fitted.changed
-    assert robot.speed_redraw == "sample"
-    assert (robot.speed_factors, robot.misalignments, robot.speed_wander) == (None, None, None)
-    assert robot.misalignment_wander == known.get("robot.misalignment_wander")
-    assert robot.misalignment_drift == known.get("robot.misalignment_drift")
-    assert robot.misalignment_run_spread == known.get("robot.misalignment_run_spread")
-    assert robot.speed_run_spread is None
-    assert fitted.scenario.sensor.tile_spread == known.get("sensor.tile_spread")
-    assert fitted.scenario.sensor.robot_spread == known.get("sensor.robot_spread")
-    assert fitted.scenario.rays.forward_each_m == known.get("rays.forward_each_m")
-    assert seen[0].rays.forward_each_m == known.get("rays.forward_each_m")
-    assert None not in known.values()
 
 
 def test_limits_of_a_bootstrap_of_few_robots_hold() -> None:

@@ -53,11 +53,11 @@ def recognised(real: Sequence[pl.DataFrame], simulated: Sequence[pl.DataFrame]) 
     Returns:
         None with fewer than two robots that have a stretch in each session.
     """
-    stretches = [[_stretches(session) for session in sessions] for sessions in (real, simulated)]
-    robots = sorted(set.intersection(*(set(session) for sessions in stretches for session in sessions)))
+    theirs, ours = ([_stretches(session) for session in sessions] for sessions in (real, simulated))
+    robots = sorted(set.intersection(*(set(session) for session in (*theirs, *ours))))
     if len(robots) < 2:
         return None
-    accuracies = np.array([_held_out(*stretches, k, robots) for k in range(len(real))])
+    accuracies = np.array([_held_out(theirs, ours, k, robots) for k in range(len(real))])
     n, mean = accuracies.size, accuracies.mean()
     return bounded_mean(mean + math.sqrt(1.0 + n / max(n - 1, 1)) * (accuracies - mean))
 

@@ -27,7 +27,7 @@ from scipy.special import stdtrit
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.classifier import recognised
 from vibroswarm.calibrate.features import FEATURES, histogram, shapeless, values_of
-from vibroswarm.calibrate.samples import by_session
+from vibroswarm.calibrate.samples import as_published, by_session
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError, check_kind
@@ -103,9 +103,10 @@ def compare(real: Result, simulated: Result, *, camera: Camera | None = None) ->
         check_kind(result, Result, words, "a Result or a Recording")
     camera = camera_between(real, simulated) if camera is None else camera
     sessions = by_session(real), by_session(seen_through(simulated, camera))
+    published = as_published(real), as_published(seen_through(simulated, camera))
     values = {name: [[values_of(one, name) for one in part] for part in sessions] for name in FEATURES}
     likenesses = tuple(
-        compare_feature(name, *parts)
+        compare_feature(name, *parts, published=tuple(values_of(one, name) for one in published))
         for name, parts in values.items()
         if min((len(one) for part in parts for one in part), default=0) >= FEWEST
     )
@@ -117,20 +118,32 @@ def compare(real: Result, simulated: Result, *, camera: Camera | None = None) ->
     return Comparison(likenesses, recognised(*sessions), camera)
 
 
-def compare_feature(feature: str, real: Sequence[Floats], simulated: Sequence[Floats]) -> Likeness:
-    """Compare one feature of real and simulated sessions, each with at least ``FEWEST`` values, (n, columns)."""
+def compare_feature(
+    feature: str,
+    real: Sequence[Floats],
+    simulated: Sequence[Floats],
+    published: tuple[Floats, ...] = (),
+) -> Likeness:
+    """Compare one feature of real and simulated sessions, each with at least ``FEWEST`` values, (n, columns).
+
+    Args:
+        published: all real and all simulated values as the authors computed them, if they are others.
+    """
     all_real, all_simulated = np.concatenate(real), np.concatenate(simulated)
     count = min(len(all_real), len(all_simulated))
     scale = all_real.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
+    scaled = ([_thinned(one) / scale for one in sessions] for sessions in (real, simulated))
+    distance, real_distance = distances(*scaled)
     return Likeness(
         feature=feature,
-        as_published=similarity(feature, all_real, all_simulated),
+        as_published=similarity(feature, *(published or (all_real, all_simulated))),
         count=count,
         at_equal_counts=at_equal_counts(feature, all_real, all_simulated, count),
         null=null_similarity(feature, all_real, count),
         ceiling=ceiling(feature, all_real, count, count),
-        **distances([_thinned(one) / scale for one in real], [_thinned(one) / scale for one in simulated]),
+        distance=distance,
+        real_distance=real_distance,
     )
 
 
@@ -185,8 +198,8 @@ def null_similarity(feature: str, real: Floats, count: int) -> float:
     return float(np.mean(similarities))
 
 
-def distances(real: Sequence[Floats], simulated: Sequence[Floats]) -> dict[str, Interval | None]:
-    """Return the energy distances ``distance`` and ``real_distance`` of sessions, (n, columns) each.
+def distances(real: Sequence[Floats], simulated: Sequence[Floats]) -> tuple[Interval, Interval | None]:
+    """Return the energy distances between real and simulated sessions, and among real ones, (n, columns) each.
 
     All real sessions are compared with the same simulated ones. So the variance of the mean is the sum of two: that
     of the means of real sessions and that of the means of simulated ones, each divided by the number of sessions. The
@@ -206,11 +219,11 @@ def distances(real: Sequence[Floats], simulated: Sequence[Floats]) -> dict[str, 
         half = float(stdtrit(fewest - 1, 0.5 + found.level / 2)) * error
         found = found._replace(low=found.estimate - half, high=found.estimate + half, n=fewest)
     if len(real) < 2:
-        return {"distance": found, "real_distance": None}
+        return found, None
     pairs = np.full((len(real), len(real)), np.nan)  # NaN: a session is not compared with itself
     for i, j in combinations(range(len(real)), 2):
         pairs[i, j] = pairs[j, i] = effect(real[i], real[j])
-    return {"distance": found, "real_distance": mean_interval(pseudo_values(np.nanmean(pairs, axis=1)))}
+    return found, mean_interval(pseudo_values(np.nanmean(pairs, axis=1)))
 
 
 def mean_distance(one: Floats, other: Floats | None = None) -> float:

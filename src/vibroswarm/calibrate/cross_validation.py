@@ -107,7 +107,7 @@ def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit) -> Fold:
     scenario = on_floor(fitted.scenario, found.floors[session])
     simulated = by_session(seen_through(simulate(scenario, _SEED + session, SIMULATED), fitted.camera))
     held = found.only([session]).samples
-    scores = []
+    scores: list[dict[str, object]] = []
     for feature in FEATURES:
         own = values_of(held, feature)
         pools = {
@@ -118,7 +118,7 @@ def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit) -> Fold:
         similarities = {name: at_equal_counts(feature, own, pool, count) for name, pool in pools.items()}
         distances = [compare_feature(feature, [own], [pool]).distance.estimate for pool in pools.values()]
         of_distances = dict(zip(("distance_fitted", "distance_sessions"), distances, strict=True))
-        scores.append({"feature": feature} | similarities | of_distances)
+        scores.append({"feature": feature, **similarities, **of_distances})
     threshold = scenario.sensor.rms_threshold
     by_run = pl.DataFrame([error_rates(samples, threshold) for samples in simulated])
     rates = [

@@ -59,6 +59,22 @@ def sample_table(result: Result) -> pl.DataFrame:
     )
 
 
+def as_published(result: Result) -> pl.DataFrame:
+    """Return samples with times of avoidance as the study's authors computed them from the logs of their robots.
+
+    Where a robot's 16-bit counter (ms) started again from 0, they added 65 s for 65.536 s.
+    """
+    samples = sample_table(result)
+    if not isinstance(result, Recording):
+        return samples
+    key = ["run", "robot", "sample"]
+    counted = result.rows.select(*key, wraps=(pl.col("avoid_total_s") / 65.536 + 1e-9).floor())
+    theirs = [run for run, session in enumerate(result.sessions) if session["reader"] == "rugbot"]
+    wraps = pl.col("wraps").diff().over("run", "robot").fill_null(0.0) * pl.col("run").is_in(theirs)
+    joined = samples.join(counted, on=key, how="left", maintain_order="left")
+    return joined.with_columns(pl.col("avoid_s") - 0.536 * wraps)
+
+
 def by_session(result: Result) -> list[pl.DataFrame]:
     """Return the samples of each run of a result, in the order of runs."""
     return sample_table(result).partition_by("run", maintain_order=True)

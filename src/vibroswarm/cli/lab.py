@@ -265,17 +265,14 @@ def spectrum(
             "what spectra are of (default: the magnitude; without gravity in the readings the strongest axis)"
         ),
     ] = None,
-    by: Annotated[str, Option("groups with spectra of their own: robot, tile, place, time", "A,B")] = "robot",
+    by: Annotated[str, Option("groups with spectra of their own: robot, tile, time", "A,B")] = "robot",
     size: Annotated[
         tuple[float, ...], Option("width and height of the surface, m (default 1x1)", "WxH", read=size)
     ] = (1.0, 1.0),
     tiles: Annotated[str, Option("rows and columns of tiles", "RxC")] = "5x5",
-    motors: Annotated[
-        tuple[float, ...], Option("known frequencies, by kind of tile from 1 on", "HZ,...")
-    ] = (),
     output: Drawn,
 ) -> None:
-    """At which frequencies a surface vibrates, by robot, tile, place and time.
+    """At which frequencies a surface vibrates, by robot, tile and time.
 
     A sample is what a robot takes it from: the last readings of each of its stops, between pauses of the recording (or
     by a column `sample`, or of pieces, --stop-s). Columns `x_m` and `y_m` say where. One axis is enough. Lines
@@ -283,7 +280,7 @@ def spectrum(
 
     examples:
       vibroswarm lab spectrum acceleration.csv --by robot,time
-      vibroswarm lab spectrum acceleration.csv --axis z --by tile --motors 90,140 --out spectrum
+      vibroswarm lab spectrum acceleration.csv --axis z --by tile --out spectrum
     """
     from vibroswarm.floors.io import parse_tiles
     from vibroswarm.recordings.spectrum import Group, spectra_frame, spectra_of
@@ -303,7 +300,6 @@ def spectrum(
         by,
         size,
         tiles,
-        motors,
     )
     found = spectra_of(
         acceleration,
@@ -315,6 +311,5 @@ def spectrum(
         by=cast(tuple[Group, ...], groups),
         size_m=(size[0], size[1]),
         tiles=parse_tiles(tiles),
-        motors_hz=motors,
     )
     deliver(found, output, {"spectra": spectra_frame(found)})

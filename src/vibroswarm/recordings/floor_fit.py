@@ -147,7 +147,8 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     if (floor.tile_at(x, y) < 0).all():
         raise InputError(
-            f"no sample lies on '{floor.name or 'this floor'}': their x is {_range(x)} m, their y {_range(y)} m. "
+            f"no sample lies on '{floor.name or 'this floor'}': their x is {stated(x.min())} to {stated(x.max())} m, "
+            f"their y {stated(y.min())} to {stated(y.max())} m. "
             "Positions must be in metres from its lower left corner; correct them, or add --any-floor to continue",
             field="floor",
         )
@@ -158,23 +159,13 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
     if as_given is None:
         return "The fit of the floor is inconclusive: too few of its tiles were sampled, or they are of one kind."
     best = fits[0]
-    evidence = f"of random floors {_percent(as_given.probability)} fit the energies as well"
+    evidence = f"of random floors {percent(as_given.probability, None, digits=2)} fit the energies as well"
     if as_given.probability < UNLIKELY and best is as_given:
         return f"The floor fits: {evidence}."
     if best.probability < LIKELY and as_given.probability > AGAINST * best.probability:
         raise InputError(
             f"'{floor.name or 'this floor'}' does not fit: {evidence}. It fits {best.orientation} "
-            f"({_percent(best.probability)}). Correct the floor's file, or add --any-floor to continue",
+            f"({percent(best.probability, None, digits=2)}). Correct the floor's file, or add --any-floor to continue",
             field="floor",
         )
     return f"The fit of the floor is inconclusive: {evidence}."
-
-
-def _range(values: Floats) -> str:
-    """Write the least and the largest of positions, m."""
-    return f"{stated(values.min())} to {stated(values.max())}"
-
-
-def _percent(share: float) -> str:
-    """Write a share in percent with two significant digits, or as "less than 0.01 %"."""
-    return "less than 0.01 %" if share < 1e-4 else percent(share, None, digits=2)

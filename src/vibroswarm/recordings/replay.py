@@ -28,7 +28,6 @@ from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, field_types, parse_setting
 from vibroswarm.simulation import MAX_RUNS
-from vibroswarm.statistics.answers_over_time import ANSWERS, answers_table
 from vibroswarm.statistics.sampling import packet_loss
 from vibroswarm.strategies import strategy as strategy_of
 
@@ -47,8 +46,6 @@ class Replayed:
     """``draw`` and the columns ``outcomes.ROBOTS``: one row per draw, session and robot."""
     runs: pl.DataFrame
     """``draw`` and the columns ``outcomes.RUNS``: one row per draw and session."""
-    answers: pl.DataFrame | None = None
-    """``draw`` and the columns ``answers_over_time.ANSWERS``: one row per draw and session; None: the floor stays."""
 
 
 def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200, seed: int = 1) -> Replayed:
@@ -85,12 +82,11 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         (of_session, timeline_of(of_session, motion), _readings(recording, scenario, motion.samples, run))
         for run, of_session, motion in _sessions(recording, scenario)
     ]
-    finals, answers = [], []
-    for draw in range(draws):
-        replayed = [infer(one, seed + draw, timeline, seen) for one, timeline, seen in sessions]
-        finals += [final for _, final in replayed]
-        if scenario.change.is_given:
-            answers.append(_answers(recording, scenario, pl.concat([table for table, _ in replayed]), draw))
+    finals = [
+        infer(one, seed + draw, timeline, seen)[1]
+        for draw in range(draws)
+        for one, timeline, seen in sessions
+    ]
     states, ends = pl.concat(finals).select(list(FINALS)), pl.concat([recording.ends] * draws)
     robots, runs = outcome_tables(scenario, recording.floor_by_run, states, ends)
     # A session may end before t_end_s, but because people ended it, not by a decision: it did not stop early.
@@ -99,7 +95,7 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         table.select(pl.Series("draw", number.repeat(table.height // draws)), *columns)
         for table, columns in ((robots, ROBOTS), (runs.with_columns(stopped_early=False), RUNS))
     )
-    return Replayed(scenario, draws, robots, runs, pl.concat(answers) if answers else None)
+    return Replayed(scenario, draws, robots, runs)
 
 
 def _sessions(recording: Recording, scenario: Scenario) -> Iterator[tuple[int, Scenario, Motion]]:
@@ -133,15 +129,6 @@ def _readings(recording: Recording, scenario: Scenario, samples: pl.DataFrame, r
             pl.when(energy.is_not_null()).then(read).otherwise(seen["observation"])
         ).to_series()
     )
-
-
-def _answers(recording: Recording, scenario: Scenario, inference: pl.DataFrame, draw: int) -> pl.DataFrame:
-    """Return the table of answers over time of one draw on a floor that changes, with the draw's number."""
-    samples = recording.motion.join(inference, on=["run", "robot", "sample"])
-    in_order = samples.select("run", "robot", "time_s", "decision").sort("run", "time_s", "robot")
-    columns = {name: in_order[name].to_numpy() for name in in_order.columns}
-    table = answers_table(scenario, None, recording.floor_by_run, columns, recording.runs["end_s"].to_numpy())
-    return table.select(pl.lit(draw, dtype=pl.UInt32).alias("draw"), *ANSWERS)
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats, Ints
-from vibroswarm.core.numbers import count, number, stated
+from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.acceleration import (
     COLUMNS,
@@ -47,7 +47,7 @@ from vibroswarm.recordings.read_tables import ACCELERATIONS
 from vibroswarm.recordings.threshold import resample
 from vibroswarm.robot.features import alias_hz
 
-Group = Literal["robot", "tile", "place", "time"]
+Group = Literal["robot", "tile", "time"]
 M_S2: Final = {unit: GRAVITY["m/s2"] / gravity for unit, gravity in GRAVITY.items()}
 """Units of acceleration."""
 SLOWEST_HZ: Final = 10.0
@@ -76,7 +76,7 @@ class Line(NamedTuple):
     amplitude: float
     """Amplitude of its sine (root mean square over samples), in ``Spectra.unit``."""
     words: str
-    """What else it may be: a multiple of another line, folded or not, or a known motor; empty: nothing known."""
+    """What else it may be: twice a horizontal frequency; empty: nothing known."""
     folds_from: tuple[float, ...]
     """The lowest frequencies above half of the rate that readings show here, Hz."""
 
@@ -86,7 +86,7 @@ class Spectrum:
     """The mean spectrum of some samples."""
 
     group: str
-    """What they have in common: "all", "robot", "tile", "place" or "time"."""
+    """What they have in common: "all", "robot", "tile" or "time"."""
     name: str
     samples: int
     power: Floats
@@ -139,7 +139,6 @@ def spectra_of(
     by: Sequence[Group] = ("robot",),
     size_m: tuple[float, float] = (1.0, 1.0),
     tiles: tuple[int, int] = (5, 5),
-    motors_hz: Sequence[float] = (),
 ) -> Spectra:
     """Return the spectra of a file of acceleration.
 
@@ -153,7 +152,6 @@ def spectra_of(
             readings.
         by: groups of samples that get spectra of their own, beside all. size_m, tiles: width and height of the surface,
             and rows and columns of its tiles, for tiles and places.
-        motors_hz: frequencies that are known, by kind of tile from 1 on.
     Raises:
         InputError: the file or the rate is wrong, no stop holds a sample, or places are missing.
     """
@@ -169,20 +167,19 @@ def spectra_of(
     )
     hz, powers = periodograms(_signals(readings, of_axis), rate_hz)
     across_hz = _lines_across(readings, rate_hz) if of_axis == "magnitude" else ()
-    known = _Known(rate_hz, signal_ms / 1000.0, tuple(motors_hz), across_hz)
     groups = [("all", "", np.arange(len(samples)))]
     for group in by:
         groups += [(group, name, rows) for name, rows in _groups(samples, group, size_m, tiles, path)]
     found = tuple(
-        Spectrum(group, name, rows.size, powers[rows].mean(axis=0), _lines(hz, powers[rows], known))
+        Spectrum(
+            group, name, rows.size, powers[rows].mean(axis=0), _lines(hz, powers[rows], rate_hz, across_hz)
+        )
         for group, name, rows in groups
         if rows.size >= FEWEST
     )
     warnings = (
         *_of_gravity(gravity, unit, of_axis),
         *_of_readings(read, stops, repeats, rate_hz),
-        *_warnings(motors_hz, known),
-        *_left_out(groups),
     )
     return Spectra(
         hz,
@@ -354,28 +351,14 @@ def _groups(
         if not {"x_m", "y_m"} <= set(samples[0].columns):
             raise InputError(f"has no columns x_m and y_m, which --by {group} needs", field=str(path))
         x_m, y_m = (np.array([sample[name].mean() for sample in samples]) for name in ("x_m", "y_m"))
-        (rows, columns), form = (tiles, "tile {}, {}") if group == "tile" else ((4, 4), "field {}, {}")
+        rows, columns = tiles
         column = np.clip((x_m / size_m[0] * columns).astype(np.int64), 0, columns - 1)
         row = rows - 1 - np.clip((y_m / size_m[1] * rows).astype(np.int64), 0, rows - 1)
-        keys = np.column_stack((row + 1, column + 1))
+        keys, form = np.column_stack((row + 1, column + 1)), "tile {}, {}"
     found, of_sample = np.unique(keys, axis=0, return_inverse=True)
     return [
         (form.format(*key), np.flatnonzero(of_sample.ravel() == k)) for k, key in enumerate(found.tolist())
     ]
-
-
-class _Known(NamedTuple):
-    """What lines are compared with."""
-
-    rate_hz: float
-    signal_s: float
-    motors_hz: tuple[float, ...]
-    across_hz: tuple[float, ...]
-    """Lines of the horizontal axes, which a magnitude shows at twice their frequency."""
-
-    @property
-    def resolution_hz(self) -> float:
-        return 2.0 / self.signal_s
 
 
 def _peaks(hz: Floats, power: Floats) -> Ints:
@@ -401,54 +384,24 @@ def _top(hz: Floats, power: Floats, k: int) -> float:
     return float(hz[best] + np.clip(shift, -0.5, 0.5) * (hz[1] - hz[0]))
 
 
-def _lines(hz: Floats, powers: Floats, known: _Known) -> tuple[Line, ...]:
+def _lines(hz: Floats, powers: Floats, rate_hz: float, across_hz: Sequence[float]) -> tuple[Line, ...]:
     """Return the lines of the mean of some powers (samples, frequencies), with intervals from resampled samples."""
     mean = powers.mean(axis=0)
-    bins = _peaks(hz, mean).tolist()
     again = [powers[resample(_SEED, draw, 0, len(powers))].mean(axis=0) for draw in range(DRAWS)]
-    least_hz = 0.1 * known.resolution_hz
-    lines: list[Line] = []
-    for k in bins:
+    bin_hz = float(hz[1] - hz[0])
+    lines = []
+    for k in _peaks(hz, mean).tolist():
         at_hz = _top(hz, mean, k)
         low, high = np.quantile([_top(hz, power, k) for power in again], [0.025, 0.975])
-        amplitude = float(
-            np.sqrt(2.0 * mean[max(k - 1, 0) : k + 2].sum() / 1.5)
-        )  # Hann's line spreads 1.5 bins' power
-        folds = (known.rate_hz - at_hz, known.rate_hz + at_hz)
-        lines.append(
-            Line(
-                at_hz, min(float(low), at_hz - least_hz), max(float(high), at_hz + least_hz), amplitude,
-                _words(at_hz, [line.hz for line in lines], known), folds,
-            )
-        )  # fmt: skip
-    return tuple(lines)
-
-
-def _words(hz: float, higher: Sequence[float], known: _Known) -> str:
-    """Return what a line may be: a known motor, or a multiple of a line that is higher."""
-    motors = [
-        (
-            f"motor of kind {kind}: {'' if times == 1 else f'{times} x '}{stated(motor_hz)} Hz",
-            times * motor_hz,
+        # Hann's line spreads 1.5 bins' power.
+        amplitude = float(np.sqrt(2.0 * mean[max(k - 1, 0) : k + 2].sum() / 1.5))
+        doubled = [one for one in across_hz if abs(alias_hz(2.0 * one, rate_hz) - at_hz) < 2.0 * bin_hz]
+        words = "; ".join(
+            f"twice the horizontal {number(one, 1)} Hz, as a magnitude shows it" for one in doubled
         )
-        for kind, motor_hz in enumerate(known.motors_hz, start=1)
-        for times in (1, 2, 3)
-    ]
-    multiples = [(f"{times} x {number(other, 1)} Hz", times * other) for other in higher for times in (2, 3)]
-    doubled = [
-        (f"twice the horizontal {number(other, 1)} Hz, as a magnitude shows it", 2.0 * other)
-        for other in known.across_hz
-    ]
-
-    def near(causes: Sequence[tuple[str, float]]) -> list[tuple[str, float]]:
-        return [one for one in causes if abs(alias_hz(one[1], known.rate_hz) - hz) < known.resolution_hz]
-
-    said = [f"{words}{_folded(cause_hz, known)}" for words, cause_hz in near(motors) or near(multiples)]
-    return "; ".join([*said, *(words for words, _ in near(doubled))])
-
-
-def _folded(hz: float, known: _Known) -> str:
-    return ", folded" if hz > 0.5 * known.rate_hz else ""
+        low, high = min(float(low), at_hz - 0.2 * bin_hz), max(float(high), at_hz + 0.2 * bin_hz)
+        lines.append(Line(at_hz, low, high, amplitude, words, (rate_hz - at_hz, rate_hz + at_hz)))
+    return tuple(lines)
 
 
 def _lines_across(readings: Floats, rate_hz: float) -> tuple[float, ...]:
@@ -456,31 +409,6 @@ def _lines_across(readings: Floats, rate_hz: float) -> tuple[float, ...]:
     (hz, along), (_, across) = (periodograms(_signals(readings, axis), rate_hz) for axis in ("x", "y"))
     total = along.mean(axis=0) + across.mean(axis=0)
     return tuple(_top(hz, total, int(k)) for k in _peaks(hz, total))
-
-
-def _warnings(motors_hz: Sequence[float], known: _Known) -> Iterator[str]:
-    """Say which of the known motors the rate shows at one frequency, or beyond half of the rate."""
-    seen = [alias_hz(motor_hz, known.rate_hz) for motor_hz in motors_hz]
-    for one, motor_hz in enumerate(motors_hz):
-        if motor_hz > 0.5 * known.rate_hz:
-            yield (
-                f"{stated(motor_hz)} Hz is above half of the rate, {number(known.rate_hz, digits=4)} Hz: it is "
-                f"seen at {number(seen[one], digits=4)} Hz"
-            )
-        for other in range(one):
-            if abs(seen[one] - seen[other]) < known.resolution_hz:
-                yield (
-                    f"{stated(motors_hz[other])} and {stated(motor_hz)} Hz look alike: both are seen within "
-                    f"{number(known.resolution_hz, digits=3)} Hz of {number(seen[one], digits=4)} Hz"
-                )
-
-
-def _left_out(groups: Sequence[tuple[str, str, Ints]]) -> Iterator[str]:
-    """Say which groups have too few samples for a spectrum of their own."""
-    for group in dict.fromkeys(group for group, _, _ in groups):
-        few = [name for one, name, rows in groups if one == group and rows.size < FEWEST]
-        if few:
-            yield f"no spectrum of groups with fewer than {FEWEST} samples (by {group}): {'; '.join(few)}"
 
 
 def acceleration_frame(robots: Ints, ends_s: Floats, readings: Floats, rate_hz: float) -> pl.DataFrame:

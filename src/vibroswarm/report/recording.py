@@ -24,7 +24,6 @@ from vibroswarm.recordings.threshold import Recommendation
 from vibroswarm.report.report import Report, Table, report
 from vibroswarm.run_page.write import record_of, write_page
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.statistics.answers_over_time import JUDGED
 
 UNKNOWN_THRESHOLD: Final = (
     "The threshold of these robots is unknown: samples are read by that of the preset, and beliefs and decisions of "
@@ -98,15 +97,6 @@ def of_replays(found: Replays) -> Report:
             "Limits: 5 % and 95 % quantiles over draws of the lost messages.",
         )
     }
-    answers = [
-        one.answers.group_by(session=pl.col("run") + 1, maintain_order=True)
-        .agg(pl.col(*JUDGED).mean())
-        .insert_column(1, pl.lit(name).alias("strategy"))
-        for name, one in found.by_strategy.items()
-        if one.answers is not None
-    ]
-    if answers:
-        parts["answers"] = Table(pl.concat(answers), "Answers over time")
     return Report(
         title="Replay of a recording",
         answer=(

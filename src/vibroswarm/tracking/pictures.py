@@ -41,9 +41,8 @@ def draw_tracks(
         looks = look(k % SERIES_UP_TO)
         handles += axes.plot(x_m, y_m, color=looks.colour, ls=looks.line, lw=0.7 * sizes.line_pt)
         names.append(f"robot {own['robot'][0]}")
-    marks = {"stop": stops.select("x_m", "y_m").to_numpy(), "marker of the floor": np.array(
-        [[x, y] for x, y, _ in floor_markers.values()]
-    ).reshape(-1, 2)}  # fmt: skip
+    markers_m = np.array([[x, y] for x, y, _ in floor_markers.values()]).reshape(-1, 2)
+    marks = {"stop": stops.select("x_m", "y_m").to_numpy(), "marker of the floor": markers_m}
     for (name, at), shape in zip(marks.items(), ("o", "s"), strict=True):
         if len(at):
             handles += axes.plot(*at.T, ls="", marker=shape, ms=0.8 * sizes.marker_pt, color=INK, mfc="none")
@@ -76,7 +75,10 @@ def draw_time_line(
     """
     sizes = style_named(style)
     rows = rows_of(sizes, [f"robot {robot}" for robot in robots], "time in the video (s)")
-    marks = {"stop": (stops, {"color": LINE}), "gap": (gaps, {"color": FAINT, "hatch": "////"})}
+    marks: dict[str, tuple[pl.DataFrame, dict[str, Any]]] = {
+        "stop": (stops, {"color": LINE}),
+        "gap": (gaps, {"color": FAINT, "hatch": "////"}),
+    }
     numbers, handles = [], {}
     for mark, (spans, looks) in marks.items():
         for row, robot in enumerate(robots):
