@@ -12,7 +12,6 @@ from typing import Final
 from vibroswarm.show.document import Document
 
 DOCUMENTS: Final = {
-    "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
     "vibroswarm.search.sensitivity.Sensitivity": "search:sensitivity_document",
 }
 """Module and function, by module and name of the class. Packages of results take long to import, so that each module is
