@@ -181,7 +181,6 @@ def draw_time_line(
     if span_s[0] < span_s[1]:  # a video of one frame has no length
         axes.set_xlim(*span_s)
     legend_below(rows.figure, sizes, list(handles.values()), list(handles))
-    rows.settle(sizes)  # sets the height of the figure, now that all is drawn
     schema = {"robot": pl.Int64, "mark": pl.String, "start_s": pl.Float64, "end_s": pl.Float64}
     caption = (
         f"When each robot was seen and stood. Gaps of more than {stated(GAP_S)} s are hatched ({gaps.height}); "
