@@ -106,9 +106,9 @@ def compare(real: Result, simulated: Result, *, camera: Camera | None = None) ->
     published = as_published(real), as_published(seen_through(simulated, camera))
     values = {name: [[values_of(one, name) for one in part] for part in sessions] for name in FEATURES}
     likenesses = tuple(
-        compare_feature(name, *parts, published=tuple(values_of(one, name) for one in published))
-        for name, parts in values.items()
-        if min((len(one) for part in parts for one in part), default=0) >= FEWEST
+        compare_feature(name, real_values, simulated_values, tuple(values_of(one, name) for one in published))
+        for name, (real_values, simulated_values) in values.items()
+        if min(map(len, (*real_values, *simulated_values)), default=0) >= FEWEST
     )
     if not likenesses:
         raise InputError(

@@ -72,7 +72,8 @@ def _bounds(one: Decided) -> str:
 
 def _range(values: pl.DataFrame) -> str:
     if values.height > 1:
-        return f"{values['estimate'].min():.4g} to {values['estimate'].max():.4g}"
+        ends = values.select(low=pl.min("estimate"), high=pl.max("estimate")).row(0)
+        return " to ".join(f"{end:.4g}" for end in ends)
     row = values.row(0, named=True)
     return f"{row['estimate']:.4g} [{row['estimate_low']:.4g}, {row['estimate_high']:.4g}]"
 
