@@ -10,6 +10,7 @@ work, and the median of these ratios is compared with the one in ``stage_ratios.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 import time
@@ -25,15 +26,15 @@ import polars as pl
 from numpy.typing import NDArray
 
 from stage_timing import SEED, cpu_model, scenario_of
-from vibroswarm.cli.deliver import print_document, print_json
+from vibroswarm.cli.deliver import print_report
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import replay_to_end
 from vibroswarm.localisation.locate import locate
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.source import moved as motion_of
 from vibroswarm.observation.observe import observe
+from vibroswarm.report.report import Report, Table
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.document import Column, Document, Table, Text
 from vibroswarm.simulation import floors_of
 from vibroswarm.strategies import known
 
@@ -175,18 +176,12 @@ def print_ratios(rows: Sequence[dict[str, Any]]) -> None:
         f"CPU time of a run relative to a fixed piece of work; medians of {TURNS} turns, in which each timing follows "
         f"one of the fixed work. {cpu_model()}"
     )
-    columns = {
-        "work": Column(" "),
-        "cpu_ms_a_run": Column("ms per run", decimals=2),
-        "ratio": Column(decimals=3, limits=("least", "most")),
-        "recorded": Column(decimals=3),
-        "change": Column(share=True, decimals=0, sign=True),
-        "is_loss": Column("slower"),
-    }
-    frame = pl.DataFrame(rows, infer_schema_length=None).select(*columns, "least", "most")
+    columns = ("work", "cpu_ms_a_run", "ratio", "least", "most", "recorded", "change", "is_loss")
+    frame = pl.DataFrame(rows, infer_schema_length=None).select(columns)
+    frame = frame.rename({"least": "ratio_low", "most": "ratio_high", "change": "change_share"})
     slower = [row["work"] for row in rows if row["is_loss"]]
-    loss = [Text(f"Slower by more than {100 * LOSS:.0f} %: {', '.join(slower)}.")] if slower else []
-    print_document(Document("Ratios", (words,), parts=(Table(frame, columns, name="ratios"), *loss)))
+    loss = (f"Slower by more than {100 * LOSS:.0f} %: {', '.join(slower)}.",) if slower else ()
+    print_report(Report("Ratios", (words, *loss), {"ratios": Table(frame)}))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -202,7 +197,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ratios = measure(tasks())
     rows = compared(ratios, recorded())
     if chosen.json:
-        print_json({"cpu": cpu_model(), "ratios": rows})
+        print(json.dumps({"cpu": cpu_model(), "ratios": rows}, indent=2))
     else:
         print_ratios(rows)
     if chosen.write:

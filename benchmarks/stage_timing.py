@@ -9,6 +9,7 @@ by turn. CPU time is that of the whole process with all its threads.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import platform
@@ -24,14 +25,15 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
-from vibroswarm.cli.deliver import print_document, print_json, print_paragraph
+from vibroswarm.cli import deliver
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer, replay_to_end
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.source import moved as motion_of
 from vibroswarm.observation.observe import observe
+from vibroswarm.report import report
+from vibroswarm.report.report import Table
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.show.document import Column, Document, Table
 from vibroswarm.simulation import floors_of, versions
 
 PRESET = "paper-empirical"
@@ -282,7 +284,7 @@ def print_report(report: Report) -> None:
     packages = ", ".join(f"{name} {versions[name]}" for name in ("python", "numpy", "numba", "polars"))
     print(f"vibroswarm {versions['vibroswarm']} (code {versions['code']}), {packages}")
     print(f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}")
-    print_paragraph(report.how)
+    print(report.how)
     for _, group in groupby(
         report.figures, key=lambda figure: (figure.robots, figure.side_m, figure.yardstick is None)
     ):
@@ -303,20 +305,19 @@ def print_figures(figures: list[Figure]) -> None:
         {
             "work": figure.work,
             "simulated s": figure.simulated_s,
-            "ms per run": figure.median_ms,
-            "least": min(figure.times_ms),
-            "most": max(figure.times_ms),
+            "run_ms": figure.median_ms,
+            "run_ms_low": min(figure.times_ms),
+            "run_ms_high": max(figure.times_ms),
             "s per CPU s": figure.speed,
             "us per robot-s": figure.robot_second_us,
             "x fixed-step": figure.yardstick,
         }
         for figure in figures
     ]
-    columns = {"work": Column(" "), "ms per run": Column(limits=("least", "most"))}
     frame = pl.DataFrame(rows, infer_schema_length=None)
     words = f"{'motion' if is_motion else 'stages'}, {robots} in {first.side_m:g} m x {first.side_m:g} m"
-    table = Table(frame if is_motion else frame.drop("x fixed-step"), columns, name="figures")
-    print_document(Document("Figures", (words,), parts=(table,)))
+    table = Table(frame if is_motion else frame.drop("x fixed-step"))
+    deliver.print_report(report.Report("Figures", (words,), {"figures": table}))
 
 
 def count_of(text: str, most: int) -> int:
@@ -349,7 +350,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     report = measure(chosen.robots, chosen.runs)
     if chosen.json:
-        print_json(report.as_dict())
+        print(json.dumps(report.as_dict(), indent=2))
     else:
         print_report(report)
     return 0

@@ -20,7 +20,7 @@ from vibroswarm.core.notebook_view import above  # noqa: E402 - as above
 
 def _as_html(value: object) -> str:
     """Return what a notebook shows of an object; the module that writes it is imported when it is needed."""
-    from vibroswarm.documents.notebook import html_of
+    from vibroswarm.report.notebook import html_of
 
     return html_of(value)
 

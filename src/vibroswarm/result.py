@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.atomic_io import MANIFEST, whole_file, whole_folder
+from vibroswarm.core.atomic_io import MANIFEST, whole_file, whole_folder, write_file
 from vibroswarm.core.folders import about_file, check_files, manifest_text, read_manifest
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
@@ -256,10 +256,10 @@ class Result(NotebookView):
         """Write scenario, manifest, users' code and all tables of this result into an existing folder."""
         files = {}
         for name, data in self._contents():
-            (folder / name).write_bytes(data)
+            write_file(folder / name, data)
             files[name] = about_file(data)
         text = manifest_text(self.KIND, **self._about(), **self._more(), files=files)
-        (folder / MANIFEST).write_text(text, encoding="utf-8")
+        write_file(folder / MANIFEST, text)
         write_code(folder, [self.scenario], self.source)
 
     def _contents(self) -> Iterator[tuple[str, bytes]]:

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from vibroswarm.recordings.read import read_log
 
-from vibroswarm.documents.run import result_document
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.pose import pose
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_csv
-from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import with_beliefs
+from vibroswarm.report.report import report
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import record_of
 from vibroswarm.scenario.scenario import preset
@@ -46,7 +46,6 @@ def side_by_side(mine: pl.DataFrame, theirs: pl.DataFrame) -> pl.DataFrame:
 def test_the_robots_log_holds_every_sample(recording: Recording, made: Result) -> None:
     assert recording.motion.height == made.motion.height
     assert recording.seed is None
-    assert [session["told"]["posteriors_odd"] for session in recording.sessions] == [0, 0]
     both = side_by_side(recording.inference, made.inference)
     for name in ("alpha", "beta", "messages_received", "decision"):
         assert (both[name] == both[f"{name}_made"]).all(), name
@@ -123,22 +122,6 @@ def test_a_recording_is_kept_and_read_back(recording: Recording, tmp_path: Path)
     assert Result.read(tmp_path / "kept").same_tables(recording)
 
 
-def test_recordings_that_differ_are_not_equal(recording: Recording) -> None:
-    assert replace(recording) == recording
-    changes: dict[str, object] = {
-        "rows": recording.rows.with_columns(pl.col("line") + 1),
-        "tracks": recording.tracks.head(10),
-        "names": (11, 12, 13, 14, 15),
-        "sessions": recording.sessions[::-1],
-        "stated": ("sensor.settle_ms",),
-        "inferred": (),
-        "floor_words": "",
-        "seed": 3,
-    }
-    for name, value in changes.items():
-        assert replace(recording, **{name: value}) != recording, name
-
-
 def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_path: Path) -> None:
     """Centimetres, milliseconds, a y that counts down, a robot's number from 7 on, no posteriors."""
     table = made.motion.join(made.observations, on=KEY).filter(pl.col("run") == 0)
@@ -166,7 +149,7 @@ def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_pa
     assert found.runs["consensus"].to_list() == [None]
     said = verdict(found)
     assert (said.consensus, said.decision, said.robots[0].estimate) == (None, None, None)
-    assert "Decisions were not logged." in result_document(found).answer
+    assert report(found).answer[0].startswith("Not logged")
     assert packet_loss(found)["packet_loss"].to_list() == [None]
     assert walk_figures(found.motion, found.observations)["avoid_per_sample_s"].to_list() == [None]
     shown = with_beliefs(replace(found, scenario=found.scenario.with_values({"run.t_end_s": 5000.0})))

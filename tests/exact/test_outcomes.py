@@ -3,45 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import beta as beta_distribution
 
-from helpers.result_outcomes import from_result
-from vibroswarm.documents import cell_figures
-from vibroswarm.documents.league import league_document
-from vibroswarm.errors import InputError
-from vibroswarm.inference.agents import estimate_of, spread_of
 from vibroswarm.inference.outcomes import (
     CONSENSUS,
-    ROBOTS,
-    as_series,
     robot_columns,
     run_columns,
 )
-from vibroswarm.league.entries import Entry, LeagueFloor
-from vibroswarm.league.standings import League
-from vibroswarm.league.words import league_tables
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
-from vibroswarm.search.objective import NAMES, Objective
-from vibroswarm.search.outcomes import from_tables
-from vibroswarm.show.data import document_data
-from vibroswarm.show.page import page_html
 from vibroswarm.simulation import simulate
-from vibroswarm.statistics import cell_summary, figures
-from vibroswarm.statistics.figures import RunFigure, Swarms, figures_of
-from vibroswarm.statistics.intervals import generator, mean_interval
-from vibroswarm.statistics.paired import compare
-from vibroswarm.study.cells import Cell
-from vibroswarm.study.detection import detection_of, detection_study
-from vibroswarm.study.runs import Runs
-from vibroswarm.study.summary import outcome_of
+from vibroswarm.statistics.figures import Swarms, figures_of
+from vibroswarm.statistics.intervals import generator
 from vibroswarm.tasks import Asked, task
 
 T_END = 100.0
@@ -260,131 +237,6 @@ def test_each_run_has_fill_ratio_and_truth_of_its_own_floor() -> None:
     assert (result.runs["fill_ratio"].to_list(), result.runs["truth"].to_list()) == (fills, truths)
 
 
-def test_beliefs_of_robots_are_those_of_their_last_decisions_or_else_the_last() -> None:
-    values = {"strategy.name": "soft", "decision.min_observations": 0, "run.t_end_s": 60.0}
-    result = simulate(preset("paper").with_values(values), seed=2, runs=10)
-    decided = 0
-    for robot in result.robots.iter_rows(named=True):
-        own = result.inference.filter(run=robot["run"], robot=robot["robot"])
-        assert robot["samples"] == own.height
-        before = own["decision"].shift(1, fill_value=-1)
-        turns = (own["decision"] != before).arg_true()
-        at = -1 if robot["decision"] == -1 else turns[-1]
-        decided += at != -1
-        assert robot["belief_below"] == own["belief_below"][at]
-        assert robot["belief_at_decision"] == (None if at == -1 else own["belief_below"][at])
-        counted = robot["alpha"] + robot["beta"] - 2  # Beta(1, 1) at first
-        assert counted == robot["samples"] + robot["messages_received"]
-    assert 10 < decided < 50
-
-
-def test_who_keeps_no_posterior_has_no_estimate() -> None:
-    alpha, beta = np.array([1.0, np.nan, 0.0]), np.array([3.0, np.nan, 0.0])
-    np.testing.assert_array_equal(estimate_of(alpha, beta), [0.25, np.nan, np.nan])
-    whole = estimate_of(np.array([2**32 - 1], dtype=np.uint32), np.array([1], dtype=np.uint32))
-    assert whole.tolist() == [(2**32 - 1) / 2**32]  # a sum of 32 bits would be 0
-    np.testing.assert_allclose(spread_of(alpha, beta)[:1], beta_distribution(1.0, 3.0).std(), rtol=1e-13)
-
-
 @pytest.fixture(scope="module")
 def paper() -> Result:
     return simulate(preset("paper"), 1, 4, energies=False)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_cost_that_needs_an_estimate_says_so(name: str, paper: Result) -> None:
-    found = from_result(paper)
-    without = replace(found, estimate=np.full_like(found.estimate, np.nan), strategy="voter")
-    objective = Objective(name)
-    assert np.isfinite(objective.figures(found)).all()
-    if name in ("intended", "printed", "authors_code", "estimate_error"):
-        with pytest.raises(
-            InputError, match=f"'{name}' needs .* 'voter' keeps none; choose decision_time"
-        ) as told:
-            objective.figures(without)
-        assert told.value.field == "objective.cost"
-    else:
-        np.testing.assert_array_equal(objective.figures(without), objective.figures(found))
-
-
-def test_tables_without_a_posterior_give_no_estimate(paper: Result) -> None:
-    nulls = [as_series(name, np.full(20, np.nan), ROBOTS[name]) for name in ("alpha", "beta", "estimate")]
-    found = from_tables(paper.scenario, paper.robots.with_columns(nulls), paper.runs, 25)
-    assert np.isnan(found.estimate).all()
-    assert not np.isnan(from_tables(paper.scenario, paper.robots, paper.runs, 25).estimate).any()
-
-
-def test_on_the_boundary_no_robot_is_right_or_wrong() -> None:
-    values = {"decision.decision_boundary": 0.48, "decision.min_observations": 5}
-    found = from_result(simulate(preset("paper").with_values(values), 1, 4, energies=False))
-    assert (found.decision != -1).any()
-    assert not found.right.any()
-    assert not found.wrong.any()
-
-
-def first_wrong_s(swarms: Swarms) -> NDArray[np.float64]:
-    """Time of the first wrong decision of each run; nan without one."""
-    decision = swarms.robots["decision"]
-    wrong = (decision >= 0) & (decision != swarms.by_robot(swarms.truth))
-    return swarms.least(np.where(wrong, swarms.robots["decision_time_s"], np.nan))
-
-
-def first_wrong_by_hand(study: Runs, cell: Cell) -> float | None:
-    robots, runs = study.tables(cell)
-    times = []
-    for run, truth in runs.select("run", "truth").iter_rows():
-        wrong = robots.filter((pl.col("run") == run) & pl.col("decision").is_in([1 - truth]))
-        times += [wrong["decision_time_s"].min()] if wrong.height else []
-    return float(np.mean(times)) if times else None
-
-
-def test_a_figure_is_declared_once_for_studies_leagues_and_detections(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    figure = RunFigure("first_wrong_s", "first wrong decision", first_wrong_s, better=-1, unit="s")
-    for module in (figures, cell_summary, cell_figures):
-        monkeypatch.setattr(module, "FIGURES", (*figures.FIGURES, figure))
-    monkeypatch.setitem(figures.BY_NAME, figure.name, figure)
-    monkeypatch.setitem(figures.BY_COLUMN, figure.by_run, figure)
-    base = preset("paper").with_values(
-        {"run.t_end_s": 120.0, "decision.min_observations": 5, "decision.credible_threshold": 0.6}
-    )
-    floors = tuple(LeagueFloor("random", f, f"random:{f}") for f in (0.48, 0.56))
-    standings = League(
-        base, (Entry("none", "none", {}), Entry("soft", "soft", {})), floors, (2,), 4, 3
-    ).play()
-    detected = detection_study(base, [2], [0.48, 0.56], 4, 3).run()
-    for study, table in (
-        (standings.study, outcome_of(standings.study, compare=False).table),
-        (standings.study, standings.summary),
-        (detected, detection_of(detected, 0.05).tables["summary"]),
-    ):
-        assert {figure.name, "first_wrong_s_low", "robots_right"} <= set(table.columns)
-        found = dict(table.select("cell", figure.name).iter_rows())
-        by_hand = {cell.number: first_wrong_by_hand(study, cell) for cell in study.cells}
-        assert found == pytest.approx(by_hand, nan_ok=True)
-        assert any(value is not None for value in by_hand.values())
-    played = league_document(standings, league_tables(standings) | {"summary": standings.summary})
-    said, page = document_data(played)["tables"], page_html(played)
-    assert {row[figure.name] for row in said["summary"]} == set(standings.summary[figure.name])
-    assert [row["name"] for row in said["figures"]] == ["none", "soft"]
-    own = [v for v in standings.summary[figure.name][:2] if v is not None]
-    assert said["figures"][0][figure.name] == pytest.approx(np.mean(own))
-    assert figure.title in page
-    first, second = (standings.study.rows(cells=[standings.study.cells[k]]) for k in (0, 2))
-    (paired,) = compare(first, second, (figure.name,))
-    both = first.join(second, on="run", suffix="_2")
-    by_hand_s = (both[figure.name] - both[f"{figure.name}_2"]).mean()
-    assert by_hand_s is not None
-    assert paired.difference.estimate == pytest.approx(by_hand_s)
-
-
-def test_limits_of_a_mean_time_stay_within_a_run() -> None:
-    times_s = [5.0, 5.0, 1200.0]
-    outside = mean_interval(times_s)
-    assert outside.low < 0.0 < 1200.0 < outside.high  # the control: Student's limits
-    found = figures.BY_NAME["decision_time_s"].mean(times_s, t_end_s=1200.0)
-    assert (found.estimate, found.low, found.high) == (outside.estimate, 0.0, 1200.0)
-    assert figures.BY_NAME["estimate"].mean(times_s, t_end_s=1200.0) == outside  # no time
-    alone = figures.BY_NAME["consensus_time_s"].mean([300.0], t_end_s=1200.0)
-    assert (alone.low, alone.high) == (0.0, 1200.0)  # one run says nothing but that

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from helpers.commands import refusal_of
 from vibroswarm.cli import main
 from vibroswarm.testing import motion as motion_checks
 from vibroswarm.testing.motion_cases import CASES
@@ -157,9 +156,3 @@ def test_what_is_wrong_is_said(
     (tmp_path / "file.py").write_text(text, encoding="utf-8")
     assert main(["check", f"{tmp_path / 'file.py'}:mine"]) == 1
     assert " ".join(words.split()) in " ".join(capsys.readouterr().out.split())
-
-
-def test_a_name_that_nobody_knows(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "unknown strategy 'softt', did you mean 'soft'?" in refusal_of(
-        capsys, "check", "softt", "--kind", "strategy"
-    )

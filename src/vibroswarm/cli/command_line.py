@@ -34,13 +34,10 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from types import NoneType
-from typing import Annotated, Any, Final, Literal, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
 
 from vibroswarm.cli.option_values import placeholder, reader
 from vibroswarm.errors import InputError, nearest
-
-MISSING: Final = inspect.Parameter.empty
-"""Default of a parameter that must be given."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +49,8 @@ class Option:
         value: what stands for its value in the help, such as ``FILE``.
         low, high: bounds of a number. read: converts the text of a value, in the place of its type.
         name: the option, such as ``--set``, if it is not the parameter's name. short: a letter for it, such as ``-q``.
-        names: returns the words that are known, for the help and for completion.
+        names: returns the words that are known, for the help.
+        of: the command whose help describes it; that of other commands only names it.
     """
 
     help: str
@@ -64,6 +62,7 @@ class Option:
     name: str = ""
     short: str = ""
     names: Callable[[], Iterable[str]] | None = None
+    of: str = ""
 
 
 class Parameter(NamedTuple):
@@ -72,7 +71,7 @@ class Parameter(NamedTuple):
     name: str
     kind: Any
     """Its type, without ``None`` and ``Annotated``."""
-    option: Option | None
+    option: Option
     default: Any
     place: Any
     """As ``inspect.Parameter.kind``: options are keywords, arguments of the command line are positional."""
@@ -84,7 +83,7 @@ def parameters_of(command: Callable[..., Any]) -> list[Parameter]:
     found = []
     for name, parameter in inspect.signature(command).parameters.items():
         kind, *notes = get_args(hints[name]) if get_origin(hints[name]) is Annotated else (hints[name],)
-        option = next((note for note in notes if isinstance(note, Option)), None)
+        option = next((note for note in notes if isinstance(note, Option)), Option(""))
         if NoneType in get_args(kind):
             (kind,) = set(get_args(kind)) - {NoneType}
         found.append(Parameter(name, kind, option, parameter.default, parameter.kind))
@@ -94,6 +93,11 @@ def parameters_of(command: Callable[..., Any]) -> list[Parameter]:
 class Formatter(argparse.HelpFormatter):
     """Formats help: names of registries in place of ``{names}``, and texts with line breaks as they stand."""
 
+    def add_argument(self, action: argparse.Action) -> None:
+        """Leave out what another command's help describes."""
+        if not is_described_elsewhere(action, self._prog):
+            super().add_argument(action)
+
     def _get_help_string(self, action: argparse.Action) -> str | None:
         return help_of(action).replace("%", "%%")
 
@@ -101,34 +105,29 @@ class Formatter(argparse.HelpFormatter):
         return text.rstrip() if "\n" in text else super()._fill_text(text, width, indent)
 
 
+def option_of(action: argparse.Action) -> Option:
+    """Return what the command line says of an argument of argparse."""
+    return vars(action).get("option") or Option(action.help or "")
+
+
+def is_described_elsewhere(action: argparse.Action, prog: str) -> bool:
+    """Return whether the help of another command than ``prog`` describes an option."""
+    other = option_of(action).of
+    return bool(other) and not prog.endswith(f" {other}")
+
+
 def help_of(action: argparse.Action) -> str:
     """Return the help of an option or argument, with the names that it takes, and its default."""
-    option: Option | None = getattr(action, "option", None)
-    if option is None:
-        return (action.help or "").replace("%%", "%")
-    text = option.help
-    if "{names}" in text and option.names is not None:
-        text = text.replace("{names}", ", ".join(option.names()))
-    default = action.default
+    option, default = option_of(action), action.default
+    text = option.help.replace("{names}", ", ".join(option.names() if option.names else ()))
     if "default" in text or default in (None, False, (), [], argparse.SUPPRESS):
         return text
     listed = ",".join(map(str, default)) if isinstance(default, tuple) else default
     return f"{text} (default {listed})"
 
 
-_MANY: Final = "for many runs: vibroswarm evaluate"
-_IN_FILE: Final = "set it in the search file, under scenario or [scenario]"
-INSTEAD: Final = {
-    "vibroswarm run": dict.fromkeys(("runs", "until", "vary"), _MANY),
-    "vibroswarm optimize": dict.fromkeys(
-        ("scenario", "preset", "strategy", "robots", "floor", "set"), _IN_FILE
-    ),
-}
-"""Options that are expected of a command, by its words, and what serves instead."""
-
-
 class Parser(argparse.ArgumentParser):
-    """A parser of one command: what is wrong is one line, which names the option and the nearest known word."""
+    """A parser of one command: what is wrong is one line, which names the option and the nearest known one."""
 
     def __init__(self, prog: str, **settings: Any) -> None:
         super().__init__(prog=prog, allow_abbrev=False, formatter_class=Formatter, **settings)
@@ -140,42 +139,30 @@ class Parser(argparse.ArgumentParser):
         except InputError as error:
             raise argparse.ArgumentError(action, str(error)) from None
 
-    def _print_message(self, message: str, file: Any = None) -> None:
-        """Print help; the argparse method ignores that it cannot be written."""
-        print(message, end="", file=file)
-
     def error(self, message: str) -> NoReturn:
         """Raise ``InputError``; argparse gives a finished sentence, of which the option is cut out."""
         what, _, text = message.partition(": ")
         if what == "unrecognized arguments":
             word = text.split()[0].split("=")[0]
-            kind = "option" if word.startswith("-") else "argument"
-            instead = INSTEAD.get(self.prog, {}).get(word.removeprefix("--")) if kind == "option" else None
-            similar = f"; {instead}" if instead else self._similar(word)
-            raise InputError(f"unknown {kind}{similar}; '{self.prog} --help' lists what there is", field=word)
+            known = [name for action in self._actions for name in action.option_strings]
+            raise InputError(f"unknown option{nearest(word, known)}; see '{self.prog} --help'", field=word)
         if text and what.startswith("argument "):
             raise InputError(text, field=what.removeprefix("argument ").split("/")[-1])
         raise InputError(f"{message}; see '{self.prog} --help'", field=self.prog)
-
-    def _similar(self, word: str) -> str:
-        """Return ``", did you mean '--x'?"`` for the option most similar to ``word``, whose dashes do not count."""
-        name = word.lstrip("-")
-        options = [one[2:] for action in self._actions for one in action.option_strings if one[2:]]
-        begun = max(filter(name.startswith, options), key=len, default="")  # such as that of ``--outdir``
-        return nearest(name, options, prefix="--", cutoff=0.7) or nearest(begun, options, prefix="--")
 
 
 def parser_of(words: str, command: Callable[..., Any], also: Mapping[str, type]) -> Parser:
     """Return the parser of a command.
 
     Args:
-        words: the program and the command, such as "vibroswarm league tune".
+        words: the program and the command, such as "vibroswarm lab import".
         also: further groups of options by title, which are not parameters of the command.
     """
     parser = Parser(words)
     fill(parser, command, also)
-    shown = [action for action in parser._actions if not action.option_strings or action.required]
-    parser.usage = " ".join([words, *map(usage_of, shown), "[options]"]).replace("%", "%%")
+    arguments = parser._get_positional_actions()
+    names = [f"[{one.metavar}]" if one.nargs == "?" else str(one.metavar) for one in arguments]
+    parser.usage = " ".join([words, *names, "[options]"])
     return parser
 
 
@@ -197,26 +184,22 @@ def _description_and_epilog(command: Callable[..., Any]) -> tuple[str, str]:
     return " ".join(" ".join(lines[:end]).split()), "\n".join(lines[end:])
 
 
-def usage_of(action: argparse.Action) -> str:
-    """Return an argument or option as usage shows it: ``[FILE]`` may be left out, ``FILE ...`` is one or more."""
-    word = " ".join([*action.option_strings[-1:], str(action.metavar)])
-    return {"?": f"[{word}]", "+": f"{word} [{word} ...]"}.get(str(action.nargs), word)
-
-
 def add_group(parser: argparse.ArgumentParser, title: str, kind: Any) -> argparse._ArgumentGroup:
     """Add the fields of a dataclass as a group of options."""
     group = parser.add_argument_group(title.replace("_", " "))
     for parameter in parameters_of(kind):
         add_option(group, parameter)
+    elsewhere = [one for one in group._group_actions if is_described_elsewhere(one, parser.prog)]
+    if elsewhere:
+        names = ", ".join(action.option_strings[-1] for action in elsewhere)
+        group.description = f"{names}: see 'vibroswarm run --help'"
     return group
 
 
 def add_option(parser: argparse._ActionsContainer, parameter: Parameter) -> None:
     """Add one option or argument."""
     name, kind, option, default, place = parameter
-    if option is None:
-        raise TypeError(f"parameter '{name}' has no Option")
-    is_required = default is MISSING
+    is_required = default is inspect.Parameter.empty
     settings: dict[str, Any] = {"default": None if is_required else default}
     if kind is bool:
         settings["action"] = "store_true"

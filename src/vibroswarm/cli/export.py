@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document, print_saved_file
+from vibroswarm.cli.deliver import print_report, print_saved_file
 from vibroswarm.cli.options import Force, Json, ScenarioOptions
 from vibroswarm.cli.scenario_options import scenario_from
 from vibroswarm.core.atomic_io import check_folder, whole_folder
@@ -34,7 +34,7 @@ def c(
     made = scenario_from(scenario)
     with whole_folder(folder, replace=force, marker=MARKER) as part:
         found = export_library(made, part)
-    print_document(found, as_json=json)
+    print_report(found, as_json=json)
     begin = "examples/inspection/inspection.ino"
     print_saved_file(folder, f"{len(found.files)} files; begin with {begin}", as_json=json)
 
@@ -53,11 +53,11 @@ def check(
     example:
       vibroswarm export check robot --strategy soft
     """
-    from vibroswarm.documents.export import differences_document
     from vibroswarm.export.assembly import parts_of
     from vibroswarm.export.parameters import differences, read_header
+    from vibroswarm.report.export import of_differences
 
     made = scenario_from(scenario)
     different = differences(read_header(folder), made, parts_of(made))
-    print_document(differences_document(str(folder), different), as_json=json)
+    print_report(of_differences(str(folder), different), as_json=json)
     return 1 if different else 0

@@ -1,47 +1,33 @@
-"""``vibroswarm floors``: list, show, measure and make floors."""
+"""``vibroswarm floors``: show, measure and make floors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli import terminal
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document, print_saved_file
-from vibroswarm.cli.option_values import refuse
-from vibroswarm.cli.options import Force, ImageThreshold, Json, Tiles
-from vibroswarm.errors import named, shown
+from vibroswarm.cli.deliver import print_report, print_saved_file
+from vibroswarm.cli.option_values import share
+from vibroswarm.cli.options import Force, Json, OutFile
+from vibroswarm.errors import named
 
 if TYPE_CHECKING:  # imported when needed: --help stays fast
     import numpy as np
     from numpy.typing import NDArray
 
+    from vibroswarm.floors.difficulty import Difficulty
     from vibroswarm.floors.floor import Floor
+    from vibroswarm.report.report import Report
 
 FLOOR = Option("pattern (diagonal:0.48), random:0.48, or file (text, CSV, coordinates, PNG, JPEG)", "FLOOR")
-Seed = Annotated[int | None, Option("seed of a random floor (default 0)")]
-
-
-def list_patterns(
-    *, paper: Annotated[bool, Option("the paper's table with the right values")] = False, json: Json = False
-) -> None:
-    """List the known patterns and their difficulty."""
-    from vibroswarm.documents.floor import floors_document, paper_floors_document
-    from vibroswarm.floors.difficulty import measure
-    from vibroswarm.floors.source import NAMES, pattern
-
-    if paper:
-        from vibroswarm.paper.difficulty_table import paper_table
-
-        print_document(paper_floors_document(list(paper_table())), as_json=json)
-        return
-    measured = {name: measure(pattern(name)) for name in NAMES}
-    remark = (
-        "random:F, for example random:0.48, is another random floor for each run; patch:0.10 has patches."
-    )
-    print_document(floors_document(measured, remark), as_json=json)
+Seed = Annotated[int, Option("another seed makes another random floor")]
+Tiles = Annotated[str | None, Option("rows x columns of a random floor, coordinate list or picture", "RxC")]
+ImageThreshold = Annotated[
+    float | None,
+    Option("tiles of a picture vibrate from this mean brightness (default 50%)", "P", read=share),
+]
 
 
 def show(
@@ -50,19 +36,20 @@ def show(
     *,
     tiles: Tiles = None,
     image_threshold: ImageThreshold = None,
-    seed: Seed = None,
-    out: Annotated[Path | None, Option("picture to write: .png, .svg or .pdf")] = None,
+    seed: Seed = 0,
+    out: OutFile = None,
     force: Force = False,
 ) -> None:
-    """Draw a floor in the terminal or to a file."""
-    from vibroswarm.documents.floor import floor_document
+    """Draw a floor in the terminal or to a file (.png, .svg or .pdf)."""
+    from vibroswarm.floors.difficulty import measure_floor
 
-    found = _floor(floor, tiles, image_threshold, _seed(seed, [floor]))
+    drawn = _floor(floor, tiles, image_threshold, seed)
     if out is not None:
         from vibroswarm.plots.run import draw_floor
 
-        draw_floor(out, found.drawn_tiles, found.name, replace=force)
-    print_document(floor_document(found, in_terminal(found.drawn_tiles)))
+        draw_floor(out, drawn.drawn_tiles, drawn.name, replace=force)
+    print(in_terminal(drawn.drawn_tiles))
+    print_report(report_of({drawn.name: measure_floor(drawn)}))
     print_saved_file(out)
 
 
@@ -70,16 +57,14 @@ def measure(
     *floors: Annotated[str, FLOOR],
     tiles: Tiles = None,
     image_threshold: ImageThreshold = None,
-    seed: Seed = None,
+    seed: Seed = 0,
     json: Json = False,
 ) -> None:
     """Measure fill ratio, Moran index, entropy and clusters."""
-    from vibroswarm.documents.floor import floors_document
     from vibroswarm.floors.difficulty import measure_floor
 
-    number = _seed(seed, floors)
-    measured = {floor: measure_floor(_floor(floor, tiles, image_threshold, number)) for floor in floors}
-    print_document(floors_document(measured), as_json=json)
+    measured = {floor: measure_floor(_floor(floor, tiles, image_threshold, seed)) for floor in floors}
+    print_report(report_of(measured), as_json=json)
 
 
 def make(
@@ -88,28 +73,39 @@ def make(
     fill_ratio: Annotated[float, Option("share of vibrating tiles", "F")],
     moran: Annotated[float, Option("Moran index, -1 to 1", "M")],
     entropy: Annotated[float | None, Option("entropy, 0 to 1 (default: any)", "E")] = None,
-    seed: Annotated[int, Option("another seed makes another floor")] = 0,
-    out: Annotated[Path | None, Option("file to write: .txt, .csv or .png (one pixel per tile)")] = None,
+    seed: Seed = 0,
+    out: OutFile = None,
     force: Force = False,
     json: Json = False,
 ) -> int:
-    """Make a floor of given fill ratio, Moran index and entropy, each to within 0.02.
+    """Make a floor of given fill ratio, Moran index and entropy, each to within 0.02 (.txt, .csv or .png).
 
     The exit code is 0 if one is found; 1 if not, and then the nearest one is given.
     """
-    from vibroswarm.documents.floor import design_document
     from vibroswarm.floors.design import make_floor
     from vibroswarm.floors.io import parse_tiles, write_tiles
 
     rows, columns = parse_tiles(tiles)
     design = make_floor(rows, columns, fill_ratio, moran, entropy, seed)
     if out is not None:
-        with named("--out", of="path"):
-            write_tiles(out, design.tiles, replace=force)
-    target = {"fill_ratio": fill_ratio, "moran_index": moran, "entropy": entropy}
-    print_document(design_document(design, target, in_terminal(design.tiles)), as_json=json)
+        write_tiles(out, design.tiles, replace=force)
+    if not json:
+        print(in_terminal(design.tiles))
+    answer = "" if design.reached else "Not found; this is the nearest."
+    print_report(report_of({"made": design.difficulty}, answer), as_json=json)
     print_saved_file(out, as_json=json)
     return 0 if design.reached else 1
+
+
+def report_of(measured: Mapping[str, Difficulty], *answer: str) -> Report:
+    """Return the measures of floors by name."""
+    import polars as pl
+
+    from vibroswarm.report.report import Report, Table
+
+    rows = [{"floor": name, **asdict(difficulty)} for name, difficulty in measured.items()]
+    frame = pl.DataFrame(rows, schema_overrides={"moran_index": pl.Float64, "entropy": pl.Float64})
+    return Report("Floors", answer, {"floors": Table(frame)})
 
 
 def in_terminal(tiles: NDArray[np.uint8]) -> str:
@@ -119,30 +115,13 @@ def in_terminal(tiles: NDArray[np.uint8]) -> str:
     return draw(tiles, terminal.width())
 
 
-def _seed(seed: int | None, floors: Iterable[str]) -> int:
-    """Return the seed of random floors; refuse one that is given where no floor is random."""
-    from vibroswarm.floors.source import is_generated
-
-    refuse(
-        seed is not None and not any(map(is_generated, floors)),
-        "--seed",
-        f"applies to random floors, not to {', '.join(map(shown, floors))}",
-    )
-    return seed or 0
-
-
 def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: int) -> Floor:
-    """Return the floor called ``floor`` of 1 m x 1 m; the seed selects a random one."""
+    """Return the floor called ``floor`` of 1 m x 1 m."""
     from vibroswarm.floors.floor import Floor
-    from vibroswarm.floors.io import is_picture, parse_tiles
+    from vibroswarm.floors.io import parse_tiles
     from vibroswarm.floors.source import resolve
     from vibroswarm.floors.surfaces import is_patches, named_patches
 
-    refuse(
-        image_threshold is not None and not is_picture(floor),
-        "--image-threshold",
-        f"applies to a picture, not to {shown(floor)}",
-    )
     size = None if tiles is None else parse_tiles(tiles)
     with named("FLOOR", of="floor.source"):
         levels, name = resolve(floor, size, seed, threshold=image_threshold)

@@ -1,32 +1,60 @@
-"""Lists of what a scenario may name: strategies, networks, tasks, sources of motion, sensors, presets."""
+"""``vibroswarm list``: what a scenario may name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Annotated, Final
 
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import print_report
 from vibroswarm.cli.options import Json
+from vibroswarm.errors import check_choice
+
+KINDS: Final = {
+    "strategies": "strategy",
+    "networks": "network",
+    "sensors": "sensor",
+    "motions": "motion",
+    "tasks": "task",
+    "presets": "preset",
+}
+"""Kinds of names, with the singular."""
 
 
-def _listing(kind: str, words: str) -> Callable[..., None]:
-    """Return the command that lists a kind; ``words`` are its help."""
+def known(
+    kind: Annotated[str, Option("strategies, networks, sensors, motions, tasks, presets or floors", "KIND")],
+    /,
+    *,
+    json: Json = False,
+) -> None:
+    """List what a scenario may name: strategies, networks, sensors, sources of motion, tasks, presets or floors.
 
-    def command(*, json: Json = False) -> None:
-        from vibroswarm.documents.known import known_document
+    example:
+      vibroswarm list strategies
+    """
+    check_choice(kind, "KIND", [*KINDS, "floors"])
+    if kind == "floors":
+        from vibroswarm.cli.floors import report_of
+        from vibroswarm.floors.difficulty import measure
+        from vibroswarm.floors.source import NAMES, pattern
 
-        print_document(known_document(kind), as_json=json)
+        print_report(report_of({name: measure(pattern(name)) for name in NAMES}), as_json=json)
+    else:
+        import polars as pl
 
-    command.__doc__ = words
-    return command
+        from vibroswarm.report.report import Report, Table
+
+        abouts = _abouts(KINDS[kind])
+        frame = pl.DataFrame({"name": list(abouts), "about": list(abouts.values())})
+        print_report(Report(kind.capitalize(), (), {kind: Table(frame)}), as_json=json)
 
 
-strategies = _listing(
-    "strategy", "List the strategies: what robots remember, send and decide. More in docs/strategies.md."
-)
-networks = _listing(
-    "network", "List the networks: which messages arrive, and when. More in docs/networks.md."
-)
-tasks = _listing("task", "List the tasks: what is asked of the swarm.")
-motions = _listing("motion", "List the sources of motion: where and when robots sample.")
-sensors = _listing("sensor", "List the sensors: what a sample measures. More in docs/scenario.md.")
-presets = _listing("preset", "List the presets: scenarios by name.")
+def _abouts(kind: str) -> dict[str, str]:
+    """Return one line about each of a kind, those of installed packages included."""
+    import vibroswarm.simulation  # noqa: F401  (registers the engines)
+    from vibroswarm.scenario import plugins
+    from vibroswarm.scenario.presets import describe, preset_names
+
+    if kind == "preset":
+        return {name: describe(name) for name in preset_names()}
+    plugins.load_installed(kind)
+    return {name: one.about for name, one in plugins.KINDS[kind].known().items()}

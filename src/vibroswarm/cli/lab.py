@@ -9,13 +9,14 @@ from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import Destination, print_document, print_saved_file, print_with_place
+from vibroswarm.cli.deliver import deliver, print_report, print_saved_file
 from vibroswarm.cli.inspection import size
-from vibroswarm.cli.option_values import pair_of, refuse, toml_path
-from vibroswarm.cli.options import Drawn, Force, Json, Opened, Paged, ScenarioOptions, TomlFile
-from vibroswarm.cli.scenario_options import scenario_from, scenario_named, words_of
+from vibroswarm.cli.option_values import pair_of, refuse
+from vibroswarm.cli.options import Drawn, Force, Json, OutFile, Required, ScenarioOptions
+from vibroswarm.cli.out_folder import claim
+from vibroswarm.cli.scenario_options import keywords_of, scenario_from, scenario_named
 from vibroswarm.cli.terminal import say
-from vibroswarm.core.atomic_io import check_free, whole_folder, write_file
+from vibroswarm.core.atomic_io import check_free, write_file
 from vibroswarm.errors import check_choice, named
 
 if TYPE_CHECKING:
@@ -29,8 +30,6 @@ Folder = Annotated[Path, Option("folder of a recording (lab import)", "DIR")]
 
 def import_logs(
     *logs: Annotated[Path, Option("one log per session, or folder of 'lab track'", "LOG")],
-    out: Annotated[Path, Option("save the recording here", "DIR")],
-    force: Force = False,
     reader: Annotated[str | None, Option("format of the logs (default: detected)")] = None,
     columns: Annotated[Path | None, Option("read any CSV with this column map (TOML)", "MAP")] = None,
     acceleration: Annotated[
@@ -44,9 +43,8 @@ def import_logs(
         tuple[int, ...] | None, Option("numbers of the robots in the logs", "A,B", low=0)
     ] = None,
     any_floor: Annotated[bool, Option("continue if the floor does not fit the logs")] = False,
-    json: Json = False,
     scenario: ScenarioOptions,
-    page: Opened,
+    output: Required,
 ) -> None:
     """Read logs of sessions (one file each) of the same robots on one floor, into a folder that is read as a result.
 
@@ -59,30 +57,25 @@ def import_logs(
       vibroswarm lab import tracked-1 tracked-2 --floor world.txt --tiles 5x5 --out lab
     """
     from vibroswarm.documents.recording import import_document, write_pages
-    from vibroswarm.documents.saved import save
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.study.options import check_one_floor, stated_fields
 
     refuse(
         reader is not None and columns is not None, "--reader", "conflicts with --columns; use one of them"
     )
-    output = Paged(out=out, force=force, json=json, open=page.open)
     made = scenario_from(scenario)
-    check_one_floor(made, **words_of(scenario))
-    stated = stated_fields(**words_of(scenario))
+    check_one_floor(made, **keywords_of(scenario))
+    stated = stated_fields(**keywords_of(scenario))
     read, computed, files = _logs_of(logs, reader, columns, acceleration, made)
     robots = None if known_robots is None else list(known_robots)
     settings = (made.hash, stated, reader, robots, any_floor, files)
-    destination = Destination(output, "lab import", *settings, at_once=False)
+    claim(output, "lab import", *settings)
     floor = made.floor_for(0, 0)  # seed and run do not matter: the floor is not random
     with named("--floor", of="floor"):
         recording = recording_of(read, floor, made, stated, robots=robots, any_floor=any_floor)
-    with whole_folder(out, replace=True) as part:
-        recording.write_into(part)
-        pages = write_pages(recording, part)
-        document = import_document(recording, pages, computed)
-        save(document, part, destination.command, destination.work, page=None)
-    print_with_place(document, output, pages[0])
+    recording.write_into(output.out)
+    pages = write_pages(recording, output.out)
+    deliver(import_document(recording, pages, computed), output, page=pages[0], is_result=True)
 
 
 def _logs_of(
@@ -186,7 +179,7 @@ def replay(
     changed = replayed_settings(settings, gate)
     scenario = scenario.with_values(changed)
     replays = replay_strategies(recording, scenario, strategy, draws, seed)
-    print_document(replace(replays, warnings=warnings), as_json=json)
+    print_report(replace(replays, warnings=warnings), as_json=json)
 
 
 def threshold(
@@ -199,13 +192,12 @@ def threshold(
     ] = (1.0, 1.0),
     at: Annotated[float | None, Option("also report on this threshold", "THETA", low=0)] = None,
     margin_mm: Annotated[float, Option("width of edge zones (default 20 mm)", "MM", low=0)] = 20.0,
-    out: TomlFile = None,
+    out: OutFile = None,
     law: Annotated[
         Path | None,
         Option(
             "fit the law of the sensor and its error, and write it as a scenario (TOML): for inspect --laws and run "
             "--scenario (takes a minute)",
-            read=toml_path,
         ),
     ] = None,
     base: Annotated[
@@ -241,7 +233,7 @@ def threshold(
         found = replace(found, law=law_table(fitted))
     if out is not None:
         write_file(out, scenario.to_toml(), replace=force)
-    print_document(found, as_json=json)
+    print_report(found, as_json=json)
     print_saved_file(out, f"sensor.rms_threshold = {written}: {found.chosen.rule}", as_json=json)
     print_saved_file(
         law,
@@ -295,9 +287,7 @@ def spectrum(
     groups = tuple(part.strip() for part in by.split(",") if part.strip())
     for group in groups:
         check_choice(group, "--by", get_args(Group))
-    destination = Destination(
-        output, "lab spectrum", str(acceleration), rate, signal_ms, unit, axis, by, size, tiles, motors
-    )
+    claim(output, "lab spectrum", str(acceleration), rate, signal_ms, unit, axis, by, size, tiles, motors)
     found = spectra_of(
         acceleration,
         rate_hz=rate,
@@ -309,4 +299,4 @@ def spectrum(
         tiles=parse_tiles(tiles),
         motors_hz=motors,
     )
-    destination.deliver(found, {"spectra": spectra_frame(found)})
+    deliver(found, output, {"spectra": spectra_frame(found)})

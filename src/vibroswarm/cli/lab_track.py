@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import Destination, print_with_place
+from vibroswarm.cli.deliver import deliver
 from vibroswarm.cli.option_values import pair_of, refuse
-from vibroswarm.cli.options import Printed, Saved, ScenarioOptions
+from vibroswarm.cli.options import Required, ScenarioOptions
+from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import progress_bar
-from vibroswarm.cli.scenario_options import scenario_from, words_of
-from vibroswarm.core.atomic_io import whole_folder
+from vibroswarm.cli.scenario_options import keywords_of, scenario_from
 from vibroswarm.errors import named
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from vibroswarm.tracking.markers import Markers
     from vibroswarm.tracking.track import Tracking
 
-REVIEW = "review.html"
-"""File name of the page."""
 BOARD = (9, 6)
 """Default number of inner corners of a chessboard, across and down."""
 board = pair_of("x", "WxH, such as 9x6 (inner corners)", int, low=3, high=50)
@@ -88,13 +86,6 @@ class CameraOptions:
     ] = None
 
 
-@dataclass(kw_only=True)
-class Required(Saved, Printed):
-    """Where results go."""
-
-    out: Annotated[Path, Option("save positions and recording here", "DIR")]
-
-
 def track(
     video: Annotated[Path, Option("video of one session", "VIDEO")],
     /,
@@ -114,7 +105,6 @@ def track(
       vibroswarm lab track day1.mp4 --markers markers.toml --lens chessboard.mp4 --log day1.csv \\
           --floor world.txt --tiles 5x5 --out tracked
     """
-    from vibroswarm.documents.saved import save
     from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes
@@ -127,32 +117,29 @@ def track(
     placed = markers.read((made.arena.width_m, made.arena.height_m))
     samples = _samples(log, scenario, made)
     stated = stated_fields(
-        **words_of(scenario)
+        **keywords_of(scenario)
     )  # `recording_of` prefers their values to those that the log implies
     # The video is identified by its path, not by its content; the log by its samples.
     settings = (
         made.hash, stated, placed.to_toml(), str(video.resolve()), str(camera.lens), camera.camera_height,
         None if samples is None else samples.to_dicts(), camera.board or BOARD, partial, any_floor,
     )  # fmt: skip
-    destination = Destination(output, "lab track", *settings, at_once=False)
+    claim(output, "lab track", *settings)
     tracking = _tracking(video, placed, camera, partial=partial)
     # A robot samples at one control tick and drives on at the next. So its stop, as the camera sees it, ends one
     # control period after the sample; ``with_positions`` needs this to match samples with stops.
     period_s = made.run.control_period_ms / 1000.0
     tracked = None if samples is None else with_positions(tracking, samples, str(log), period_s)
-    with whole_folder(output.out, replace=True) as part:
-        if tracked is not None:
-            # ``_samples`` has refused a random floor. The floor of a file or of a pattern does not depend on seed and
-            # run (0 and 0).
-            floor = made.floor_for(0, 0)
-            with named("--floor", of="floor"):
-                recording = recording_of([tracked.log], floor, made, stated, any_floor=any_floor)
-            recording.write_into(part)
-            (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
-        write_tables(part, tracking)
-        document = tracking_document(tracking, tracked, samples)
-        save(document, part, destination.command, destination.work, page=REVIEW)
-    print_with_place(document, output, REVIEW)
+    if tracked is not None:
+        # ``_samples`` has refused a random floor. The floor of a file or of a pattern does not depend on seed and
+        # run (0 and 0).
+        floor = made.floor_for(0, 0)
+        with named("--floor", of="floor"):
+            recording = recording_of([tracked.log], floor, made, stated, any_floor=any_floor)
+        recording.write_into(output.out)
+        (output.out / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
+    write_tables(output.out, tracking)
+    deliver(tracking_document(tracking, tracked, samples), output, is_result=True)
 
 
 def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> pl.DataFrame | None:
@@ -169,7 +156,7 @@ def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> 
     if log is None:
         return None
     samples = read_robot_log(log)
-    check_one_floor(scenario, **words_of(options))
+    check_one_floor(scenario, **keywords_of(options))
     return samples
 
 

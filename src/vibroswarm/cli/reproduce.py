@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import Destination, print_line
+from vibroswarm.cli.deliver import deliver
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Drawn, Workers
-from vibroswarm.cli.progress import labelled_progress_bar
-from vibroswarm.core.atomic_io import make_folder
+from vibroswarm.cli.out_folder import claim
+from vibroswarm.cli.progress import progress_bar
 from vibroswarm.core.numbers import count
 from vibroswarm.errors import InputError, check_choice
 
@@ -47,27 +47,24 @@ def reproduce(
       vibroswarm reproduce --out out/paper                          everything; run again to resume
       vibroswarm reproduce --only fill-ratios swarm-sizes --runs 200 --out out/some
     """
-    from vibroswarm.documents.saved import begin
     from vibroswarm.paper.items import all_items, items_named
     from vibroswarm.paper.reproduce import reproduce as computed
     from vibroswarm.paper.reproduction_tables import TABLES, write_tables
 
     if only == ["list"]:
         for item in all_items():
-            print_line(f"{item.name:<16} {item.title}")
+            print(f"{item.name:<16} {item.title}")
         return
     out = output.out
     if out is None:
         raise InputError("is required", field="--out")
     items, settings = items_named(only), settings_of(runs, seed, columns, recordings, workers)
     # Items that depend on a changed setting are computed again, so that other settings are no reason to refuse it.
-    destination = Destination(output, "reproduce")
-    make_folder(out)
-    begin(out, "reproduce")
-    with labelled_progress_bar(f"reproducing {count(len(items), 'item')}") as progress:
-        reproduction = computed(settings, out, items, progress)
+    claim(output, "reproduce")
+    with progress_bar(f"reproducing {count(len(items), 'item')}") as update:
+        reproduction = computed(settings, out, items, lambda what, share: update(share, what=what))
     write_tables(reproduction, out / TABLES)
-    destination.deliver(reproduction)
+    deliver(reproduction, output)
 
 
 def settings_of(

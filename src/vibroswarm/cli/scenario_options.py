@@ -1,47 +1,40 @@
-"""The scenario that options describe, and warnings about probable mistakes, each printed once a command.
-
-Every command clears what an earlier command of the same process has printed, so this module imports nothing that
-simulations need: ``vibroswarm --help`` loads it too.
-"""
+"""``vibroswarm scenario``, and the scenario that options describe, with warnings about probable mistakes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, cast
 
+from vibroswarm.cli.deliver import print_saved_file
+from vibroswarm.cli.options import Force, OutFile, ScenarioOptions, SwarmOptions
 from vibroswarm.cli.terminal import say
+from vibroswarm.core.atomic_io import write_file
 
 if TYPE_CHECKING:
-    from vibroswarm.cli.options import ScenarioBase
     from vibroswarm.scenario.scenario import Scenario
-    from vibroswarm.study.options import ScenarioOptions
-
-MOST: Final = 3
-"""How many warnings are printed at once; a study may have one in each of many cells."""
-_printed: Final[set[str]] = set()
-"""Warnings that ``warn_of`` has printed or counted during this command."""
+    from vibroswarm.study.options import ScenarioOptions as Keywords
 
 
-def words_of(options: ScenarioBase) -> ScenarioOptions:
-    """Return the options that describe a scenario, as the words of ``study.options``."""
-    from vibroswarm.study.options import ScenarioOptions
+def keywords_of(options: SwarmOptions) -> Keywords:
+    """Return the options that describe a scenario, as keywords of the functions of ``study.options``."""
+    from vibroswarm.study.options import ScenarioOptions as Keywords
 
-    known = ScenarioOptions.__annotations__
-    return cast(ScenarioOptions, {name: value for name, value in vars(options).items() if name in known})
+    known = Keywords.__annotations__
+    return cast(Keywords, {name: value for name, value in vars(options).items() if name in known})
 
 
-def scenario_from(options: ScenarioBase) -> Scenario:
-    """Make the scenario that the options describe (``study.options.scenario_of``), and print warnings about it."""
+def scenario_from(options: SwarmOptions) -> Scenario:
+    """Return the scenario that the options describe, and print warnings about it."""
     from vibroswarm.study.options import scenario_of
 
-    return warned(scenario_of(**words_of(options)))
+    return warned(scenario_of(**keywords_of(options)))
 
 
 def scenario_named(name: str, settings: Sequence[str] = (), field: str | None = None) -> Scenario:
-    """Return what ``study_options.scenario_named`` does, and print warnings about it."""
-    from vibroswarm.study import options as study_options
+    """Return the scenario of a preset or file, with fields set, and print warnings about it."""
+    from vibroswarm.study import options
 
-    return warned(study_options.scenario_named(name, settings, field))
+    return warned(options.scenario_named(name, settings, field))
 
 
 def warned(scenario: Scenario) -> Scenario:
@@ -50,23 +43,23 @@ def warned(scenario: Scenario) -> Scenario:
     return scenario
 
 
-def forget() -> None:
-    """Forget the printed warnings, since a new command starts in the same process."""
-    _printed.clear()
-
-
 def warn_of(scenarios: Iterable[Scenario]) -> None:
-    """Print on stderr the first ``MOST`` new warnings about these scenarios, and how many others there are.
-
-    A warning is new if this command has not printed or counted it yet.
-    """
+    """Print on stderr each different warning about these scenarios."""
     from vibroswarm.study.options import warnings_of
 
-    # each different warning once, in order
-    texts = dict.fromkeys(text for scenario in scenarios for text in warnings_of(scenario))
-    new = [text for text in texts if text not in _printed]
-    _printed.update(new)
-    for text in new[:MOST]:
+    for text in dict.fromkeys(text for scenario in scenarios for text in warnings_of(scenario)):
         say(f"Warning: {text}.")
-    if len(new) > MOST:
-        say(f"Warnings that are not printed: {len(new) - MOST}.")
+
+
+def scenario(*, out: OutFile = None, force: Force = False, scenario: ScenarioOptions) -> None:
+    """Write a scenario as TOML, with every field, to edit and run again; to the terminal without --out.
+
+    example:
+      vibroswarm scenario --robots 8 --out mine.toml; vibroswarm run --scenario mine.toml
+    """
+    wanted = scenario_from(scenario)
+    if out is None:
+        print(wanted.to_toml(), end="")
+        return
+    write_file(out, wanted.to_toml(), replace=force)
+    print_saved_file(out, f"scenario {wanted.hash}")

@@ -1,149 +1,202 @@
-"""Run studies and print their results, for the commands that run one."""
+"""Commands that run studies: ``vibroswarm evaluate`` and ``vibroswarm detect``."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from vibroswarm.cli import terminal
-from vibroswarm.cli.deliver import (
-    document_of,
-    print_document,
-    print_line,
-    print_saved,
-    save_requested_pictures,
-    wants_pictures,
-)
-from vibroswarm.cli.option_values import refuse
-from vibroswarm.cli.options import Comparisons, Drawn, Parts, Saved
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import deliver
+from vibroswarm.cli.option_values import refuse, share
+from vibroswarm.cli.options import Drawn, Paged, Parts, Seed, Simulated, SwarmOptions, Tiles
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.progress import STAGES, say_compiling
-from vibroswarm.cli.scenario_options import warn_of
-from vibroswarm.cli.terminal import report, say
-from vibroswarm.core.folders import PICTURES, REPORT
-from vibroswarm.core.numbers import count, whole
-from vibroswarm.errors import InputError
+from vibroswarm.cli.scenario_options import keywords_of, warn_of
+from vibroswarm.cli.terminal import report
+from vibroswarm.errors import named
 
 if TYPE_CHECKING:
-    from vibroswarm.show.document import Document
     from vibroswarm.study.runs import Runs
     from vibroswarm.study.spec import Study
 
-TABLES = ("summary", "reported", "comparisons", "scores")
-"""Tables in the folder of a study."""
 
-
-def do_study(
-    study: Study, comparison: Comparisons, execution: Parts, output: Drawn, cost: str | None = None
+def evaluate(
+    study: Annotated[Path | None, Option("study or scenario, in place of options", "FILE.toml")] = None,
+    other: Annotated[Path | None, Option("scenario or preset to compare with", "OTHER.toml")] = None,
+    /,
+    *,
+    runs: Annotated[int | None, Option("runs per cell (default 100, or those of the file)")] = None,
+    until: Annotated[
+        str | None, Option("run until a figure is known to +-P %, in place of --runs", "P%")
+    ] = None,
+    figure: Annotated[str | None, Option("figure for --until (default decision_time_s)")] = None,
+    max_runs: Annotated[int | None, Option("upper limit for --until (default 100000)")] = None,
+    vary: Annotated[
+        Sequence[str],
+        Option(
+            "one cell per value; repeat for all combinations",
+            "FIELD=A,B,...",
+        ),
+    ] = (),
+    reference: Annotated[
+        str | None,
+        Option("compare with this strategy, or other varied value, only"),
+    ] = None,
+    cost: Annotated[str | None, Option("score each cell under this cost")] = None,
+    scenario: Simulated,
+    execution: Parts,
+    output: Drawn,
 ) -> None:
-    """Run a study, then summarise, print and draw it."""
+    """Run a scenario many times, or several side by side: figures with intervals, comparisons, pictures.
+
+    examples:
+      vibroswarm evaluate --runs 1000 --strategy none,positive,soft --out out/strategies
+      vibroswarm evaluate --until 2% --robots 5,6,7,8,9,10 --strategy soft
+      vibroswarm evaluate study.toml --out out/study                      run again to continue
+      vibroswarm evaluate study.toml --out out/study --executor dask://head:8786
+      vibroswarm evaluate out/pso/best.toml paper --cost authors_code
+
+    a study file:
+      runs = 1000                       # or: until = "2%"
+      [scenario]
+      preset = "paper"                  # or: scenario = "file.toml"
+      [grid]                            # all combinations; also zip, list, sobol
+      "floor.source" = ["random:0.44", "random:0.48"]
+      "strategy.name" = ["none", "positive", "soft"]
+    """
     from vibroswarm.study.comparison import pairs_of
+    from vibroswarm.study.options import study_of
     from vibroswarm.study.summary import outcome_of
 
-    pairs_of(study.cells, comparison.reference)  # refuses an unknown reference
-    objective = _objective_of(cost)
-    runs = run_parts(study, execution, output)
-    if runs is None:  # only a shard was requested
+    wanted = study_of(
+        *filter(None, (study, other)),
+        vary=vary,
+        runs=runs,
+        until=until,
+        figure=figure,
+        max_runs=max_runs,
+        seed=scenario.seed,
+        motion=scenario.motion,
+        **keywords_of(scenario),
+    )
+    pairs_of(wanted.cells, reference)  # refuses an unknown reference
+    objective = None if cost is None else _objective_of(cost)
+    done = run_parts(wanted, execution, output, "evaluate")
+    if done is None:
         return
-    outcome = outcome_of(runs, comparison.reference)
-    document, tables = document_of(outcome), dict(outcome.tables)
-    if objective is not None:
-        from vibroswarm.documents.cell_scores import with_scores
-        from vibroswarm.search.cell_scores import scores_of, with_fresh_runs
-
-        with STAGES.runs("scoring on fresh runs") as progress:
-            scores = with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
-        document, tables["scores"] = with_scores(document, scores), scores.table
-    if output.out is not None:
-        _write_tables(output.out, tables)
-    _print_and_draw(document, output)
+    outcome = outcome_of(done, reference)
+    scores = None if objective is None else _scored(done, objective, execution)
+    deliver(outcome, output, scores=scores)
 
 
-def _objective_of(cost: str | None) -> Any:
+def _objective_of(cost: str) -> Any:
     from vibroswarm.search.objective import Objective
 
-    return None if cost is None else Objective(cost)
+    return Objective(cost)
 
 
-def _write_tables(folder: Path, tables: dict[str, Any]) -> None:
-    """Write tables into the folder of a study; remove those of an earlier call that it has not."""
-    from vibroswarm.study.summary import write_table
+def _scored(runs: Runs, objective: Any, execution: Parts) -> Any:
+    from vibroswarm.search.cell_scores import scores_of, with_fresh_runs
 
-    for name in TABLES:
-        if name in tables:
-            write_table(tables[name], folder / name)
-        else:
-            for suffix in ("csv", "parquet"):
-                (folder / f"{name}.{suffix}").unlink(missing_ok=True)
+    with STAGES.runs("scoring on fresh runs") as progress:
+        return with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
 
 
-def _print_and_draw(document: Document, output: Drawn) -> None:
-    """Print a study; with ``--out``, also write its page, and pictures on request."""
-    try:
-        print_document(document, as_json=output.json)
-        terminal.results().flush()  # the tables are seen before the page's pictures are drawn, which takes a while
-    finally:  # also if the reader, such as `head`, has enough; the folder shall be complete
-        _write_page(document, output)
-    print_saved(output, None if output.no_pictures else REPORT)
+@dataclass(kw_only=True)
+class Inspected(SwarmOptions):
+    """A scenario of random floors, and its seed."""
+
+    tiles: Tiles = None
+    seed: Seed = 1
 
 
-def _write_page(document: Document, output: Drawn) -> None:
-    """Write the page of a study and its pictures, unless all that is wanted is there; remove pictures of another."""
-    from vibroswarm.show.data import document_data
-    from vibroswarm.show.figures import remove_figures
-    from vibroswarm.show.page import write_page
-    from vibroswarm.show.page_origin import is_made_from, origin
+def detect(
+    *,
+    more_than: Annotated[
+        float | None,
+        Option(
+            "the question: does more than this share of the tiles vibrate? (default: the scenario's)",
+            "P%",
+            read=share,
+        ),
+    ] = None,
+    fills: Annotated[
+        tuple[float, ...] | None,
+        Option(
+            "fill ratios of random floors (default: around the boundary)",
+            "F,...",
+            low=0,
+            high=1,
+        ),
+    ] = None,
+    error: Annotated[float, Option("tolerated probability of a miss (default 5%)", "P%", read=share)] = 0.05,
+    false_alarms: Annotated[
+        float | None,
+        Option("tolerated probability of a false alarm (default: as --error)", "P%", read=share),
+    ] = None,
+    boundary_of: Annotated[
+        Literal["tiles", "readings"] | None,
+        Option(
+            "tiles (default): robots allow for their sensor's errors; readings: they ignore them, as in the paper",
+            "WHAT",
+        ),
+    ] = None,
+    runs: Annotated[int, Option("runs per cell")] = 300,
+    scenario: Inspected,
+    execution: Parts,
+    output: Drawn,
+) -> None:
+    """Estimate how often floors above a boundary are missed and floors below it raise a false alarm.
 
-    folder = output.out
-    if folder is None:
-        return
-    made_from = origin(document_data(document))
-    is_drawn = is_made_from(folder / REPORT, made_from)
-    if output.no_pictures:
-        if not is_drawn:
-            (folder / REPORT).unlink(missing_ok=True)
-            remove_figures(folder / PICTURES)
-        return
-    if not is_drawn:
-        with STAGES.share("drawing") as progress:
-            write_page(folder / REPORT, document, progress, made_from)
-    if wants_pictures(output) or not is_drawn:
-        with STAGES.share("writing pictures") as progress:
-            save_requested_pictures(document, output, folder, progress)
+    Says how many robots, and how much time, make both rare enough. Without --robots, the scenario's number and two
+    larger ones are tried.
+
+    examples:
+      vibroswarm detect                                             more than half? fill ratios 0.24 to 0.76
+      vibroswarm detect --more-than 3% --tiles 10x10
+      vibroswarm detect --robots 5,10,20 --error 10% --out out/detect
+      vibroswarm detect --false-alarms 1% --boundary-of readings    robots that ignore their sensor's errors
+    """
+    from vibroswarm.study.detection import detection_of, detection_study
+    from vibroswarm.study.options import detection_scenario
+
+    base = detection_scenario(more_than, boundary_of, **keywords_of(scenario))
+    with named("--fills", of="floor.source"):
+        study = detection_study(base, scenario.robots, fills, runs, scenario.seed)
+    runs_done = run_parts(study, execution, output, "detect")
+    if runs_done is not None:
+        detection = detection_of(runs_done, error, false_alarms)
+        deliver(detection, output)
 
 
-def run_parts(study: Study, execution: Parts, output: Saved) -> Runs | None:
+def run_parts(study: Study, execution: Parts, output: Paged, command: str) -> Runs | None:
     """Print what a study consists of and run it, or only the part that ``--shard`` names.
 
     Returns:
-        The runs; None if only a part of the study was run: then a sentence about that part is printed.
+        The runs; None if only a part of the study was run.
     Raises:
         InputError: options conflict, or ``--out`` holds something else.
     """
-
-    part, of = _part(execution.shard)
-    refuse(of > 1 and output.out is None, "--shard", "needs --out DIR")
-    refuse(of > 1 and study.until is not None, "--shard", "needs a number of runs")
-    claim_study(output, study)
+    shard = _shard(execution.shard)
+    refuse(shard[1] > 1 and output.out is None, "--shard", "needs --out DIR")
+    claim(output, command, study.hash)
     warn_of(cell.scenario for cell in study.cells)
     print_plan(study)
     with STAGES.runs("simulating") as progress:
-        runs = study.run(output.out, shard=(part, of), progress=progress, **execution.where)
+        runs = study.run(output.out, shard=shard, progress=progress, **execution.where)
     if others := runs.store.other_runs:
-        say(
-            f"{count(others, 'run')} of another version of the code {'is' if others == 1 else 'are'} not used."
-        )
-    if of == 1:
+        report(f"not used: {others:,} runs of another version of the code")
+    if shard[1] == 1:
         return runs
-    there, wanted = sum(runs.there.values()), len(study.cells) * runs.runs
-    print_line(
-        f"Shard {part} of {of} is done; {whole(there)} of {count(wanted, 'run')} are in {output.out}. "
-        "Copy the folders of all shards into one, and run the same command there without --shard."
+    report(
+        f"shard {shard[0]} of {shard[1]} is done; copy the folders of all into one, and run there without --shard"
     )
     return None
 
 
-def _part(text: str | None) -> tuple[int, int]:
+def _shard(text: str | None) -> tuple[int, int]:
     """Parse ``"3/16"``: part 3 of 16."""
     part, _, of = (text or "1/1").partition("/")
     is_part = part.isdecimal() and of.isdecimal() and 1 <= int(part) <= int(of)
@@ -151,26 +204,9 @@ def _part(text: str | None) -> tuple[int, int]:
     return int(part), int(of)
 
 
-def claim_study(output: Any, study: Study) -> None:
-    """Refuse the folder of ``--out`` if it holds anything but runs of this study.
-
-    With ``--force``, the runs of another study stay, and all else is replaced.
-    """
-    from vibroswarm.core.folders import kind_of
-
-    def check(folder: Path) -> None:
-        try:
-            study.refuse_other(folder)
-        except InputError:
-            if not (output.force and kind_of(folder) == "study"):
-                raise
-
-    claim(output, check)
-
-
 def print_plan(*studies: Study) -> None:
     """Print on stderr what studies consist of."""
     say_compiling()
     for study in studies:
-        each = f"{count(study.runs, 'run')} each" if study.runs else "runs until a precision"
-        report(f"{count(len(study.cells), 'cell')}, {each}, seed {study.seed}")
+        each = f"{study.runs:,} runs each" if study.runs else "runs until a precision"
+        report(f"{len(study.cells):,} cells, {each}, seed {study.seed}")

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.deliver import print_report
 from vibroswarm.cli.options import Json
 from vibroswarm.cli.progress import progress_bar
 
 
 def verify(
-    folder: Annotated[Path, Option("folder of a run, study, league, search or reproduction", "DIR")],
+    folder: Annotated[Path, Option("folder of a study, league or reproduction", "DIR")],
     /,
     *,
     runs: Annotated[int, Option("runs to simulate again, drawn from all", low=1)] = 20,
@@ -28,12 +28,11 @@ def verify(
     examples:
       vibroswarm verify out/study
       vibroswarm verify out/league --runs 200
-      vibroswarm verify out/pso                  a search: runs of its steps, and fresh runs
-      vibroswarm verify out/paper                a reproduction: runs of its cells and searches
+      vibroswarm verify out/paper                a reproduction: runs of its studies
     """
-    from vibroswarm.search.verify import verify as simulate_again
+    from vibroswarm.study.verify import verify as simulate_again
 
     with progress_bar("simulating again") as progress:
         verified = simulate_again(folder, runs, seed, progress)
-    print_document(verified, as_json=json)
+    print_report(verified, as_json=json)
     return 0 if verified.holds else 1

@@ -134,9 +134,6 @@ def generated(name: str, text: str, *, is_saved: bool = True) -> ModuleType:
     return module
 
 
-before_compiling: Final[list[Callable[[str], None]]] = []
-"""Functions to be called with a kernel's module before that kernel is loaded from the cache or compiled."""
-
 if COMPILES:
     from numba import _dynfunc  # type: ignore[attr-defined]
     from numba import config as numba_settings
@@ -297,8 +294,6 @@ if COMPILES:
 
         def compile(self, sig: Any) -> Any:
             """Compile under our settings: they are process-wide, so Numba's lock is held."""
-            for listener in before_compiling:
-                listener(self.py_func.__module__)
             if self.is_cached and isinstance(self._cache, caching.NullCache) and _folder_of(self.py_func):
                 self._cache = _Cache(self.py_func)
             with global_compiler_lock:

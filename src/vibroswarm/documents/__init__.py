@@ -12,21 +12,11 @@ from typing import Final
 from vibroswarm.show.document import Document
 
 DOCUMENTS: Final = {
-    "vibroswarm.result.Result": "run:result_document",
-    "vibroswarm.scenario.scenario.Scenario": "objects:scenario_document",
-    "vibroswarm.study.runs.Runs": "objects:runs_document",
-    "vibroswarm.inspection.inspection.Inspection": "inspection:inspection_document",
-    "vibroswarm.league.tuning.Tuned": "league:tune_document",
     "vibroswarm.calibrate.message_loss.LossFits": "calibration:message_loss_document",
     "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
-    "vibroswarm.export.c_library.Exported": "export:export_document",
     "vibroswarm.recordings.replay.Replays": "recording:replay_document",
     "vibroswarm.recordings.spectrum.Spectra": "spectrum:spectrum_document",
     "vibroswarm.recordings.threshold.Recommendation": "recording:threshold_document",
-    "vibroswarm.study.detection.Detection": "detection:detection_document",
-    "vibroswarm.study.summary.Outcome": "study:study_document",
-    "vibroswarm.search.verify.Verified": "verified:verified_document",
-    "vibroswarm.search.sensitivity.Sensitivity": "search:sensitivity_document",
 }
 """Module and function, by module and name of the class. Packages of results take long to import, so that each module is
 imported when a document is asked for."""

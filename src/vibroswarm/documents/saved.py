@@ -10,7 +10,6 @@ its settings. It is written before anything else, so that a command that was kil
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,13 +17,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.core.atomic_io import MANIFEST, write_files
-from vibroswarm.core.folders import REPORT, check_files, has_manifest, manifest_text, read_manifest
-from vibroswarm.errors import InputError, shown, warn_once
+from vibroswarm.core.folders import REPORT, has_manifest, manifest_text, read_manifest
 from vibroswarm.show.data import document_from, document_values
 from vibroswarm.show.document import Document
 
 if TYPE_CHECKING:
-    from vibroswarm.scenario.scenario import Scenario
+    pass
 
 
 def save(
@@ -72,52 +70,6 @@ def begin(folder: Path, command: str, work: str = "") -> None:
         write_files(folder, {MANIFEST: manifest_text(there.pop("kind"), **there | values)})
 
 
-def refuse_other(folder: Path, command: str, work: str = "") -> None:
-    """Refuse a folder unless its manifest states the same command and the same settings (``begin``).
-
-    Raises:
-        InputError: the folder is refused.
-    """
-    if all(path.name.startswith(".") for path in folder.iterdir()):
-        return  # killed before it had written its manifest, or locked
-    there = read_manifest(folder)
-    if not there.get("command"):
-        raise InputError(f"exists already but holds no results of '{command}'", field=str(folder))
-    if there["command"] != command:
-        raise InputError(f"exists already and holds results of {shown(there['command'])}", field=str(folder))
-    if there.get("work") != work:
-        raise InputError(
-            f"exists already and holds results of '{command}' with other settings", field=str(folder)
-        )
-
-
-def refuse_other_run(folder: Path, scenario: Scenario, seed: int, motion: str) -> None:
-    """Refuse a folder unless it holds the result of the same run, made by the same version of the code.
-
-    A run is the same if scenario, seed and motion source are equal.
-
-    Raises:
-        InputError: the folder is refused.
-    """
-    from vibroswarm.core.jit import source_hash
-
-    try:
-        there = read_manifest(folder, "result")
-    except InputError as error:
-        raise InputError(f"exists already: {error.reason}", field=str(folder)) from None
-    if there["versions"].get("code") != source_hash():
-        raise InputError("exists already and was made by another version of vibroswarm", field=str(folder))
-    if there["scenario_hash"] != scenario.hash:
-        raise InputError("exists already and holds a run of another scenario", field=str(folder))
-    if (there["seed"], there["source"]) != (seed, motion):
-        what = f"a run with seed {there['seed']} by '{there['source']}'"
-        raise InputError(f"exists already and holds {what}", field=str(folder))
-    try:
-        check_files(there, folder)
-    except InputError as error:
-        warn_once(f"{error}; it is computed again")
-
-
 PRINTED: Final = "printed.json"
 """Name of the file with what a command printed."""
 
@@ -131,15 +83,6 @@ class Shown(NamedTuple):
     """The command whose results were saved; empty: not known."""
     state: Mapping[str, Any] = MappingProxyType({})
     """Of a study or search: how much is done, for JSON; otherwise empty."""
-
-
-def hash_of(*parts: object) -> str:
-    """Return 16 hexadecimal digits that identify a command's work: the hash of its settings.
-
-    Args:
-        parts: the settings. Their ``repr`` must be the same in every process.
-    """
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
 def read_printed(folder: Path) -> Shown | None:

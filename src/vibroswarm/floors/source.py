@@ -254,7 +254,7 @@ def _shares(spec: str) -> tuple[float, ...]:
 def _unknown(spec: str) -> InputError:
     known = (*NAMES, f"{RANDOM}:0.48", "patch:0.10")
     return InputError(
-        f"{shown(spec)} is neither a floor nor a file{nearest(spec, known)}; 'vibroswarm floors list' names the floors",
+        f"{shown(spec)} is neither a floor nor a file{nearest(spec, known)}; 'vibroswarm list floors' names them",
         field=_FIELD,
     )
 

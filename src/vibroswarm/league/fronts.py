@@ -1,139 +1,40 @@
 """Compare the strategies of a league at equal forced error, each with its own settings.
 
-Each entry (a strategy with settings) is a point (decision time, forced error). The front of a strategy consists of the
-points that no other of its points beats in both, joined by straight lines. Every point of a line can be reached: a
-swarm that draws one of two settings for each run has a weighted mean of their times and of their errors.
+**The time at an error is the least time among the settings whose forced error is at most that.** So a strategy that
+errs less than asked counts with its fastest setting, and no strategy is called faster than one that beats it in both.
 
-Strategies are compared at several forced errors (``LEVELS``). These do not depend on what any strategy reaches, so no
-strategy meets them by construction, and none passes or fails at an error near a level: its front is read between its
-settings. The settings were chosen on other runs (``tuning``), so the fronts are not lucky.
-
-| name | equation |
+| column | equation |
 |---|---|
-| time at a level | time at which the front of a strategy has this forced error |
-| behind | time at a level - that of the fastest strategy, paired, with intervals that hold together |
-| group | strategies that cannot be told apart from the fastest (``statistics.best_group``) |
+| forced_error | the error that is asked for, one of ``LEVELS`` |
+| time_s | min of T_k over settings k with E_k <= forced_error; null if none has |
+| reached_share | share of the bootstrap draws in which one has |
+| behind_s | time_s - that of the fastest strategy, paired |
+| p_holm | of behind_s, corrected over the strategies at this error |
+| fastest | whether the strategy does not differ from the fastest, nor from others that do not |
+| name, p_c, O_c, settings | of the setting whose time it is |
 
-Limits are from a bootstrap over units (a run of one swarm size). The same draws serve all strategies, so that
-comparisons stay paired; each draw has its own fronts. A front has no value beyond its ends. That is the tolerance of a
-level: a strategy **reaches** it if at least 95 % of the draws have a value; if at most 5 % have one, it does **not
-reach** it or, where the largest error of its front is below the level, **errs less**; otherwise it is **open**. Only
-strategies that reach a level are compared at it.
-
-Entries are also compared by their forced error, and by their decision time where no strategy has a front
-(``best_table``), without crowning noise or guesses. An entry **guesses** if its forced error is not significantly below
-``GUESS``. It is never called fastest, since any answer can be given at once. No single winner is named, but the group
-without a significant difference from the best (``statistics.best_group``).
+Limits are percentiles of a bootstrap over runs. The same draws serve all settings, so that comparisons are paired; each
+draw has its own front. Where some draws do not reach an error, the upper limit is open (null). Two strategies differ
+if the interval of their difference leaves 0 out. This holds for each pair by itself; p_holm allows for their number.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
 
 from vibroswarm.inference.outcomes import Array, costs_of
-from vibroswarm.league.entries import main_entries
-from vibroswarm.league.standings import Standings
+from vibroswarm.league.standings import ENTRY, parts_of
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.statistics import paired
-from vibroswarm.statistics.best_group import best_group
-from vibroswarm.statistics.fronts import METHOD, front_of, on_line
-from vibroswarm.statistics.intervals import columns_of, plain, within
-from vibroswarm.statistics.paired import LEAST_KNOWN
+from vibroswarm.statistics.intervals import columns_of, draw_limits, few_factor, plain
+from vibroswarm.statistics.paired import drawn_means, holm
 
 LEVELS: Final = (0.01, 0.02, 0.05, 0.10, 0.15, 0.20)
 """Forced errors at which strategies are compared."""
-REACHES, OPEN, NOT, LESS = "yes", "open", "no", "errs less"
-"""Whether a strategy reaches a level."""
-FRONTS: Final[dict[str, Any]] = {
-    "level": pl.Float64,
-    "strategy": pl.String,
-    "reached": pl.String,
-    **dict.fromkeys(("time_s", "time_s_low", "time_s_high"), pl.Float64),
-    **dict.fromkeys(("behind_s", "behind_s_low", "behind_s_high"), pl.Float64),
-    "in_group": pl.Boolean,
-}
-"""Columns of ``front_table`` and their types."""
-
-
-def drawn_means(standings: Standings, figure: str, seed: int = 0) -> Array:
-    """Return the mean of a figure of each entry, (entries, 1 + draws): over all units, then of each bootstrap draw."""
-    values = np.array([standings.by_unit(k, figure) for k in range(len(standings.league.entries))])
-    return paired.drawn_means(values, seed, "league front")
-
-
-def times_at_levels(standings: Standings, seed: int = 0) -> tuple[list[str], Array, Array]:
-    """Return the strategies, times at the levels, and the largest error on each front.
-
-    Shapes: (levels, strategies, 1 + draws), nan where a front has no value; (strategies,).
-    """
-    times, errors = (drawn_means(standings, name, seed) for name in ("decision_time_s", "forced_error"))
-    entries = standings.league.entries
-    names = list(dict.fromkeys(entry.strategy for entry in entries))
-    found = np.full((len(LEVELS), len(names), times.shape[1]), np.nan)
-    largest = np.empty(len(names))
-    for row, name in enumerate(names):
-        own = [k for k, entry in enumerate(entries) if entry.strategy == name]
-        largest[row] = front_of(times[own, 0], errors[own, 0])[1].max()
-        for draw in range(times.shape[1]):
-            # ``on_line`` wants rising x. Along a front time rises and error falls, so it is reversed.
-            time_s, error = (each[::-1] for each in front_of(times[own, draw], errors[own, draw]))
-            found[:, row, draw] = [on_line(level, error, time_s) for level in LEVELS]
-    return names, found, largest
-
-
-def front_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
-    """Compare the strategies at each level, see the head of this module.
-
-    Args:
-        standings: results of the league. seed: of the bootstrap.
-    Returns: one row per level and strategy with the columns ``FRONTS``: levels rise; strategies in the order of the
-        league. time_s is null where the front has no value, its limits also unless the level is reached; the last four
-        columns are null unless it is reached.
-    """
-    names, times, largest = times_at_levels(standings, seed)
-    units = standings.by_unit(0, "decision_time_s").size
-    return pl.DataFrame(
-        [
-            row
-            for level, of_level in zip(LEVELS, times, strict=True)
-            for row in _rows(level, names, of_level, largest, units, standings.t_end_s)
-        ],
-        schema=FRONTS,
-    )
-
-
-def _rows(
-    level: float, names: list[str], times: Array, largest: Array, units: int, t_end_s: float
-) -> list[dict[str, Any]]:
-    """Return the rows of a level; ``times``: (strategies, 1 + draws); ``largest``: error on each front."""
-    known = (~np.isnan(times[:, 1:])).mean(axis=1)  # share of draws with a value
-    reached = (known >= LEAST_KNOWN) & ~np.isnan(times[:, 0])
-    unread = np.where(known > 1.0 - LEAST_KNOWN, OPEN, np.where(largest < level, LESS, NOT))
-    rows: list[dict[str, Any]] = [
-        {
-            "level": level,
-            "strategy": name,
-            "reached": REACHES if reaches else str(why_not),
-            "time_s": plain(float(of_name[0])),
-        }
-        for name, of_name, why_not, reaches in zip(names, times, unread, reached, strict=True)
-    ]
-    if reached.any():
-        group = best_group(times[reached], units)
-        for place, row in enumerate(np.flatnonzero(reached)):
-            behind = group.difference[place]
-            time = within(paired.drawn_interval(times[row], units, METHOD), 0.0, t_end_s)
-            rows[row] |= {
-                **columns_of("time_s", time),
-                **columns_of("behind_s", behind.tolist()),
-                "in_group": bool(group.member[place]),
-            }
-    return rows
-
-
 GUESS: Final = 0.4
 """Forced error from which an entry guesses. A swarm that tosses a coin in four runs of five, and is always right in the
 fifth, has this error; one that always tosses a coin has 1/2, which strategies that lean on the floor's few clues just
@@ -141,60 +42,90 @@ undercut. Of k answers it is as large a part of the error of a guess, 1 - 1/k, o
 answer, given on all floors, where mistakes cost differently."""
 
 
+def front_table(units: pl.DataFrame, by: Sequence[str] = (), seed: int = 0) -> pl.DataFrame:
+    """Compare the strategies at each level, see the head of this module.
+
+    Args:
+        units: from ``standings.units_of``. by: columns whose values have fronts of their own. seed: of the bootstrap.
+    Returns: a row for each group, level and strategy; those of a level by rising time.
+    """
+    rows: list[dict[str, Any]] = []
+    for part in parts_of(units, by):
+        group = part.select(by).row(0, named=True) if by else {}
+        entries = part.select(ENTRY).unique("name", maintain_order=True)
+        times, errors = (_drawn(part, figure, seed) for figure in ("decision_time_s", "forced_error"))
+        runs = part["run"].n_unique()
+        for level in LEVELS:
+            reached = np.where(errors <= level + 1e-9, times, math.inf)
+            rows += [{**group, "forced_error": level, **row} for row in _rows(entries, reached, runs)]
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def _drawn(part: pl.DataFrame, figure: str, seed: int) -> Array:
+    """Return the mean of a figure of each entry over all runs, then over those of each draw, (entries, 1 + draws)."""
+    values = np.array([own[figure] for own in part.partition_by("name", maintain_order=True)])
+    return drawn_means(values, seed, "league front")
+
+
+def _rows(entries: pl.DataFrame, times: Array, runs: int) -> list[dict[str, Any]]:
+    """Return the rows of a level.
+
+    Args:
+        times: of the entries that reach it, else infinity, (entries, 1 + draws).
+    """
+    least, rows = dict[str, Array](), list[dict[str, Any]]()
+    for strategy in entries["strategy"].unique(maintain_order=True):
+        own = np.flatnonzero(entries["strategy"] == strategy)
+        least[strategy] = times[own].min(axis=0)
+        chosen = entries.row(int(own[times[own, 0].argmin()]), named=True)
+        is_reached = math.isfinite(least[strategy][0])
+        rows.append(chosen if is_reached else dict.fromkeys(ENTRY) | {"strategy": strategy})
+    rows.sort(key=lambda row: least[row["strategy"]][0])
+    best, fastest = least[rows[0]["strategy"]], list[Array]()
+    for row in rows:
+        time_s = least[row["strategy"]]
+        behind, is_reached = _difference(time_s, best), math.isfinite(time_s[0])
+        row["reached_share"] = float(np.isfinite(time_s[1:]).mean())
+        time = _interval(time_s, runs)
+        row |= columns_of("time_s", (*time[:2], time[2] if row["reached_share"] == 1.0 else math.inf))
+        row |= columns_of("behind_s", _interval(behind, runs) if is_reached else [math.nan] * 3)
+        row["p_holm"] = _p_value(behind, runs) if is_reached and time_s is not best else math.nan
+        row["fastest"] = is_reached and all(
+            _interval(_difference(time_s, other), runs)[1] <= 0.0 for other in fastest
+        )
+        if row["fastest"]:
+            fastest.append(time_s)
+    corrected = holm([row["p_holm"] for row in rows])
+    return [row | {"p_holm": plain(p_holm)} for row, p_holm in zip(rows, corrected, strict=True)]
+
+
+def _difference(first: Array, second: Array) -> Array:
+    """Return first - second; 0 where both are infinite."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.nan_to_num(first - second, nan=0.0, posinf=math.inf, neginf=-math.inf))
+
+
+def _interval(drawn: Array, runs: int) -> tuple[float, float, float]:
+    """Return the estimate, which is the first, and percentile limits of the draws; infinite if it is."""
+    estimate = float(drawn[0])
+    if math.isinf(estimate):
+        return (estimate,) * 3
+    low, high = draw_limits(drawn[1:], runs, 0.95)
+    return estimate, min(low, estimate), max(high, estimate)
+
+
+def _p_value(drawn: Array, runs: int) -> float:
+    """Return twice the share of the draws that are not above 0, with deviations as wide as those of ``draw_limits``."""
+    if runs < 2:
+        return 1.0
+    draws = drawn[1:]
+    centre = draws[np.isfinite(draws)].mean()
+    is_above = centre + few_factor(runs, 0.95) * (draws - centre) > 0.0
+    return min(1.0, 2.0 * (1 + np.count_nonzero(~is_above)) / (1 + draws.size))
+
+
 def guess_level(scenario: Scenario) -> float:
     """Return ``GUESS`` for the answers of a scenario's task, and for what its mistakes cost."""
     costs = costs_of(scenario)
     # Columns are answers: the mean cost of each if it is given whatever the floor, as often on the side of each truth.
     return GUESS if costs is None else 2.0 * GUESS * float(costs.mean(axis=0).min())
-
-
-BEST: Final[dict[str, Any]] = {
-    **dict.fromkeys(("figure", "name"), pl.String),
-    **dict.fromkeys(("value", "behind", "behind_low", "behind_high"), pl.Float64),
-    "in_group": pl.Boolean,
-}
-"""Columns of ``best_table`` and their types."""
-
-
-def guesses(standings: Standings, entry: int) -> bool:
-    """Return whether an entry is not shown to err less than a guess; one without a forced error does not guess."""
-    error = standings.interval(entry, "forced_error")
-    return not (error.high < guess_level(standings.league.base) or np.isnan(error.estimate))
-
-
-def best_table(standings: Standings) -> pl.DataFrame:
-    """Compare entries by forced error, and by decision time those that do not guess.
-
-    Of a strategy with settings along a front only those with the least error are compared. Where any strategy has a
-    front, times are compared at equal error alone (``fronts``), and not here.
-
-    Args:
-        standings: results of the league.
-    Returns: one row per figure and compared entry, the smallest value first: ``BEST``. "behind" is the difference from
-        the smallest; limits of a figure hold together with 95 %.
-    """
-    entries = standings.league.entries
-    places, least = range(len(entries)), main_entries(entries, error=0.0)
-    known = [k for k in places if not np.isnan(standings.interval(k, "forced_error").estimate)]
-    has_fronts = any(entry.aim is not None for entry in entries)
-    compared = {
-        "forced_error": [k for k in known if entries[k] in least],
-        "decision_time_s": [k for k in known if not has_fronts and not guesses(standings, k)],
-    }
-    rows: list[dict[str, Any]] = []
-    for figure, chosen in compared.items():
-        if not chosen:
-            continue
-        means = drawn_means(standings, figure)[chosen]
-        group = best_group(means, standings.by_unit(0, figure).size)
-        for place in np.argsort(means[:, 0], kind="stable"):
-            rows.append(
-                {
-                    "figure": figure,
-                    "name": entries[chosen[place]].label,
-                    "value": float(means[place, 0]),
-                    **columns_of("behind", group.difference[place].tolist()),
-                    "in_group": bool(group.member[place]),
-                }
-            )
-    return pl.DataFrame(rows, schema=BEST)

@@ -122,10 +122,10 @@ def format_of(name: str) -> Format:
     return Format(title, "points" if signed and unit == "%" else unit, factor, signed)
 
 
-def write_value(value: Value, unit: str = "") -> str:
+def write_value(value: Value, unit: str = "", *, sign: bool = False) -> str:
     """Write a number with unit and limits, as in ``118 s [90, 147]``."""
     decimals = decimals_of([value])
-    texts = [number(each, decimals) for each in value]
+    texts = [number(each, decimals, sign=sign) for each in value]
     limits = f" [{texts[1]}, {texts[2]}]" if value.has_limits else ""
     return f"{texts[0]}{f' {unit}' if unit else ''}{limits}"
 
@@ -161,7 +161,10 @@ def text_table(frame: pl.DataFrame, titles: Mapping[str, str]) -> TextTable:
     return TextTable(
         headings,
         [
-            [written[place, name] if name in numbers else _text_entry(name, row[name], row) for name in names]
+            [
+                written[place, name] if name in numbers else _text_entry(name, row[name], row, titles)
+                for name in names
+            ]
             for place, row in enumerate(rows)
         ],
     )
@@ -230,15 +233,17 @@ def _entries(values: Sequence[Value], signed: bool) -> list[Entry]:
                 4 + 92 * (each - least) / span for each in (value.low, value.middle, value.high, 0.0)
             )
             bar = Bar(left, middle, right, zero if signed else None)
-        limits = f"[{texts[1]}, {texts[2]}]" if value.has_limits else ""
+        is_open = math.isfinite(value.low) and math.isnan(value.high)
+        limits = f"[{texts[1]}, {texts[2]}]" if value.has_limits else f"[{texts[1]}, \u221e)" * is_open
         entries.append(Entry(texts[0], limits, "", bar, value.middle))
     return entries
 
 
-def _text_entry(name: str, value: Any, row: Mapping[str, Any]) -> Entry:
+def _text_entry(name: str, value: Any, row: Mapping[str, Any], titles: Mapping[str, str]) -> Entry:
     if name == "figure":
         form = format_of(value)
-        text = f"{form.title}, {form.unit}" if form.unit else form.title
+        title = titles.get(value, form.title)
+        text = f"{title}, {form.unit}" if form.unit else title
     elif isinstance(value, bool):
         text = "yes" if value else "no"
     else:

@@ -35,6 +35,8 @@ class Figure:
 
     draw: Callable[[], Picture]
     title: str
+    folded: bool = False
+    """Whether a page shows it only on request."""
 
     @cached_property
     def picture(self) -> Picture:
@@ -83,7 +85,7 @@ KINDS: Final = {
     "vibroswarm.study.verify": "verified",
     "vibroswarm.search.sensitivity": "search",
     "vibroswarm.search.options": "search",
-    "vibroswarm.league.standings": "league",
+    "vibroswarm.league.play": "league",
     "vibroswarm.inspection.inspection": "inspection",
     "vibroswarm.calibrate.message_loss": "calibration",
     "vibroswarm.paper.reproduce": "reproduction",

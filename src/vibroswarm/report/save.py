@@ -16,13 +16,18 @@ from vibroswarm.report.report import Report, Table
 
 DATA: Final = "report.json"
 """Name of the file with what a report says; it is written last."""
+LAYOUT: Final = ("title", "caption", "titles", "folded")
 TEXTS: Final = ("title", "answer", "setting", "warnings", "made_by")
 
 
 def data(report: Report) -> dict[str, Any]:
     """Return a report for JSON, its tables row by row; numbers that are not finite are None."""
     tables = {name: table.frame.to_dicts() for name, table in report.tables.items()}
-    return _finite({**{name: getattr(report, name) for name in TEXTS}, "tables": tables})  # type: ignore[no-any-return]
+    layouts = {
+        name: {field: getattr(table, field) for field in LAYOUT} for name, table in report.tables.items()
+    }
+    texts = {name: getattr(report, name) for name in TEXTS}
+    return _finite({**texts, "tables": tables, "layouts": layouts})  # type: ignore[no-any-return]
 
 
 def read(path: Path) -> Report:
@@ -31,14 +36,18 @@ def read(path: Path) -> Report:
     texts = {name: tuple(values[name]) for name in ("answer", "warnings")}
     folder = path.parent
     parts = {
-        name: Table(_frame(folder / f"{name}.parquet", rows), name.replace("_", " ").capitalize())
+        name: Table(_frame(folder / f"{name}.parquet", rows), **values["layouts"][name])
         for name, rows in values["tables"].items()
     }
     return Report(values["title"], parts=parts, setting=values["setting"], made_by=values["made_by"], **texts)
 
 
-def save(report: Report, folder: Path, *, page: bool = True) -> None:
-    """Write a report into a folder; what is there already, as long as the report says the same, is not drawn again."""
+def save(report: Report, folder: Path, *, page: bool = True, tables: bool = True) -> None:
+    """Write a report into a folder; what is there already, as long as the report says the same, is not drawn again.
+
+    Args:
+        page: whether there is a page. tables: whether tables are files too; JSON has them all.
+    """
     make_folder(folder)
     text = json.dumps(data(report), indent=1, allow_nan=False)
     path = folder / DATA
@@ -48,10 +57,15 @@ def save(report: Report, folder: Path, *, page: bool = True) -> None:
 
         write_file(folder / REPORT, page_of(report))
     if not is_there:
-        for name, table in report.tables.items():
-            write_file(folder / f"{name}.csv", csv_bytes(table.frame))
-            write_file(folder / f"{name}.parquet", parquet_bytes(table.frame))
+        for name, table in report.tables.items() if tables else ():
+            save_table(table.frame, folder / name)
         write_file(path, text)
+
+
+def save_table(frame: pl.DataFrame, path: Path) -> None:
+    """Write a table as CSV and Parquet, beside each other."""
+    write_file(path.with_name(f"{path.name}.csv"), csv_bytes(frame))
+    write_file(path.with_name(f"{path.name}.parquet"), parquet_bytes(frame))
 
 
 def save_pictures(report: Report, folder: Path) -> None:
@@ -62,7 +76,8 @@ def save_pictures(report: Report, folder: Path) -> None:
 
 
 def _frame(path: Path, rows: list[dict[str, Any]]) -> pl.DataFrame:
-    return pl.read_parquet(path) if path.is_file() else pl.DataFrame(rows, infer_schema_length=None)
+    is_ours = path.with_suffix(".csv").is_file()  # a result has tables of the same names, as Parquet alone
+    return pl.read_parquet(path) if is_ours else pl.DataFrame(rows, infer_schema_length=None)
 
 
 def _finite(value: Any) -> Any:

@@ -25,11 +25,17 @@ ROWS_UP_TO: Final = 50
 
 
 class Column(NamedTuple):
-    """A column of a table as texts, and the least width that it needs."""
+    """A column of a table as texts, and the widths that it needs: at least, and so that nothing is folded."""
 
     heading: Heading
-    width: int
+    least: int
+    most: int
     texts: list[Text]
+
+    @property
+    def title(self) -> str:
+        """The heading with its unit."""
+        return f"{self.heading.title}, {self.heading.unit}" if self.heading.unit else self.heading.title
 
 
 def show(report: Report, console: Console) -> None:
@@ -72,7 +78,7 @@ def _grids(table: TextTable, width: int) -> Iterator[Grid]:
             pieces.append([])
         pieces[-1].append(column)
     for piece in pieces:
-        yield _grid([*names, *piece])
+        yield _grid([*names, *piece], width)
 
 
 def _names(table: TextTable, columns: Sequence[Column], width: int) -> Sequence[Column]:
@@ -82,28 +88,32 @@ def _names(table: TextTable, columns: Sequence[Column], width: int) -> Sequence[
     return names if _width(names) <= width / 2 else columns[:1]
 
 
-def _grid(columns: Sequence[Column]) -> Grid:
+def _grid(columns: Sequence[Column], width: int) -> Grid:
+    """Lay out columns, each with its least width and its part of the room that is left."""
     grid = Grid(box=SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="", padding=(0, 1, 0, 0))
-    for heading, width, _ in columns:
-        title = Text(f"{heading.title}, {heading.unit}" if heading.unit else heading.title)
-        justify = "right" if heading.is_number else "left"
-        grid.add_column(title, justify=justify, min_width=width, overflow="fold")  # type: ignore[arg-type]
+    spare = max(width - _width(columns), 0)
+    for column in columns:
+        own = min(column.most, column.least + spare)
+        spare -= own - column.least
+        justify = "right" if column.heading.is_number else "left"
+        grid.add_column(Text(column.title), justify=justify, width=own, overflow="fold")  # type: ignore[arg-type]
     for row in zip(*(column.texts for column in columns), strict=True):
         grid.add_row(*row)
     return grid
 
 
 def _width(columns: Sequence[Column]) -> int:
-    return sum(column.width + GAP for column in columns)
+    return sum(column.least for column in columns) + GAP * (len(columns) - 1)
 
 
 def _column(table: TextTable, place: int, between: str) -> Column:
     """Return a column; text may be folded, numbers may not."""
     heading, texts = table.headings[place], [_text(row[place], between) for row in table.rows]
-    words = [len(word) for word in f"{heading.title}, {heading.unit}".split()]
+    column = Column(heading, 0, 0, texts)
+    words = max((len(word) for word in column.title.split()), default=1)
     longest = max((line.cell_len for text in texts for line in text.split("\n")), default=0)
-    most = longest if heading.is_number else min(longest, WORD_WIDTH)
-    return Column(heading, max(min(max(words), WORD_WIDTH), most), texts)
+    cells = longest if heading.is_number else min(longest, WORD_WIDTH)
+    return column._replace(least=max(min(words, WORD_WIDTH), cells), most=max(len(column.title), longest))
 
 
 def _text(entry: Entry, between: str) -> Text:

@@ -25,6 +25,7 @@ from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
 from vibroswarm.inference.motion_feedback import steered_motion
 from vibroswarm.inference.outcomes import (
     Array,
+    belief_in_truth,
     capped_time_s,
     costs_of,
     fills_and_truth,
@@ -84,6 +85,8 @@ class Outcomes:
     """Name of the strategy, for messages."""
     costs: Array | None = None
     """What mistakes cost, see ``inference.outcomes.costs_of``."""
+    belief_below: Array | float = math.nan
+    """Belief of each robot that f is below the boundary, at ``end_s``, (runs, robots)."""
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: all costs of a search are computed from the same ones."""
@@ -130,8 +133,9 @@ class Outcomes:
             "decision": self.decision.astype(np.float64),
             "decision_time_s": self.decision_time_s,
             "estimate": self.estimate,
+            "belief_in_truth": np.asarray(belief_in_truth(self.belief_below, self.truth[:, None])),
         }
-        return Swarms.of_arrays(robots, runs, self.t_end_s)
+        return Swarms.of_arrays(robots, runs, self.t_end_s, [self.costs])
 
     @property
     def time_s(self) -> Array:
@@ -171,6 +175,7 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
         t_end_s=scenario.run.t_end_s,
         strategy=scenario.strategy.name,
         costs=costs_of(scenario),
+        belief_below=numbers(robots["belief_below"]).reshape(shape),
     )
 
 
@@ -281,7 +286,7 @@ class _Course:
         self.stops_early, self.t_end_s = scenario.run.stop == "all_decided", scenario.run.t_end_s
         self.floors, shape = floors_of(scenario, seed, runs), (len(runs), scenario.swarm.robots)
         self.decision, self.sent = np.empty(shape, dtype=np.int64), np.empty(shape, dtype=np.int64)
-        self.decision_time_s, self.estimate = np.empty(shape), np.empty(shape)
+        self.decision_time_s, self.estimate, self.belief = np.empty(shape), np.empty(shape), np.empty(shape)
         self.end_s, self.judged_s = np.empty(len(runs)), np.empty(len(runs))
 
     def take(
@@ -300,9 +305,10 @@ class _Course:
         replayer = replayer_of(scenario, seed, timeline)
         agents, shape = replayer.swarm.agents, (some.size, -1)
 
-        def replay(limits_s: Array) -> tuple[NDArray[np.int64], Array]:
+        def replay(limits_s: Array, is_last: bool = False) -> tuple[NDArray[np.int64], Array]:
             """Replay each run up to a limit of its own; return decisions and their times."""
-            advance(replayer, scenario, seed, timeline, *classes_and_values(seen[key]), limits_s)
+            read = classes_and_values(seen[key])
+            advance(replayer, scenario, seed, timeline, *read, limits_s, is_last=is_last)
             return agents["decision"].reshape(shape).copy(), agents["decided_s"].reshape(shape).copy()
 
         decision, time_s = replay(np.full(some.size, np.inf))
@@ -318,6 +324,8 @@ class _Course:
         self.decision[some], self.decision_time_s[some] = decision, time_s
         self.estimate[some] = self._estimates(replayer).reshape(shape)
         self.sent[some] = agents["sent"].reshape(shape)
+        replay(ends_s, is_last=True)
+        self.belief[some] = agents["belief"].reshape(shape)
         self.end_s[some], self.judged_s[some] = ends_s, judged_s
         if self.may_change and not self.stops_early:
             return judged_s
@@ -354,4 +362,5 @@ class _Course:
             t_end_s=self.t_end_s,
             strategy=self.scenario.strategy.name,
             costs=costs_of(self.scenario),
+            belief_below=self.belief,
         )

@@ -266,7 +266,7 @@ class RunFigure:
     counted: tuple[str, str] = ("", "")
     """Kind "robots": which robots are counted, and among which; columns of ``Swarms.counts``."""
     of_decisions: bool = False
-    """Whether decisions and their times are enough to compute it."""
+    """Whether searches know what it is computed from: decisions, their times, and beliefs at the end."""
     compared: bool = False
     """Whether cells are compared by it unless other figures are asked for."""
     picture: str = ""
@@ -436,7 +436,7 @@ FIGURES: Final = (
         picture="Robots that decided wrongly",
     ),
     _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
-    RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
+    RunFigure("forced_error", "forced error", _forced_error, better=-1, of_decisions=True, compared=True),
     RunFigure("estimate", "estimate", _mean_of("estimate")),
     RunFigure(
         "estimate_error",
@@ -456,8 +456,8 @@ FIGURES: Final = (
     RunFigure(
         "swarm_wrong", "swarms wrong", lambda s: s.ended("wrong", True), "runs", better=-1, of_decisions=True
     ),
-    RunFigure("swarm_split", "split", lambda s: s.ended("split"), "runs"),
-    RunFigure("swarm_incomplete", "incomplete", lambda s: s.ended("incomplete"), "runs"),
+    RunFigure("swarm_split", "swarms split", lambda s: s.ended("split"), "runs"),
+    RunFigure("swarm_incomplete", "swarms undecided", lambda s: s.ended("incomplete"), "runs"),
     RunFigure(
         "swarm_truth_undefined", "without a right answer", lambda s: s.ended("truth_undefined"), "runs"
     ),

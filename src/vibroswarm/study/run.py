@@ -55,6 +55,10 @@ class StudyProgress(NamedTuple):
 
     done: int
     wanted: int
+    kept: int = 0
+    """Runs of cells that were in the folder before; told once, before the first look."""
+    of: int = 0
+    """Runs of cells of the first look."""
 
     @property
     def share(self) -> float:
@@ -109,8 +113,11 @@ def run(
         make_folder(found.folder)
         write_code(found.folder, (cell.scenario for cell in cells), motion)
         store.put_scenarios({found.keys[cell.number]: cell.scenario for cell in cells})
+    looks = [runs] if until is None else [*until.looks()]
+    kept = sum(store.there(key, 0, looks[0]) for key in found.keys.values())
+    progress(StudyProgress(0, 0, kept, looks[0] * len(cells)))
     with pool_for(executor, workers) as pool:
-        for look in [runs] if until is None else until.looks():
+        for look in looks:
             tasks = [*_missing(found, look)][shard[0] - 1 :: shard[1]]
             if not is_cached() and tasks:  # kernels are compiled here, and not by every worker
                 simulate_runs(tasks[0]._replace(last=tasks[0].first + 1))

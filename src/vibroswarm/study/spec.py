@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vibroswarm.core.atomic_io import MANIFEST, write_files
-from vibroswarm.core.folders import has_manifest, manifest_text, read_manifest
+from vibroswarm.core.folders import manifest_text, read_manifest
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_kind, check_known_keys, in_file, whole_number_of
@@ -47,7 +47,6 @@ from vibroswarm.study.factors import (
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.run import MOST_RUNS, opened, run
 from vibroswarm.study.runs import Runs
-from vibroswarm.study.store import FOLDER
 
 OF_UNTIL: Final = ("figure", "max_runs", "level")
 """Keys that a study's file may have together with ``until``."""
@@ -210,20 +209,6 @@ class Study:
     def _settings(self) -> dict[str, Any]:
         values = {name: getattr(self, name) for name in ("seed", "motion", "until", "name")}
         return values | {"runs": self.runs or 1}
-
-    def refuse_other(self, folder: Path) -> None:
-        """Refuse a folder that holds anything but this study, or what a killed writer of one left.
-
-        Raises:
-            InputError: it does.
-        """
-        if has_manifest(folder):
-            if read_manifest(folder, "study")["hash"] != self.hash:
-                raise InputError("holds another study", field=str(folder))
-        elif any(
-            not (path.name in (MARKER, FOLDER) or path.name.startswith(".")) for path in folder.iterdir()
-        ):
-            raise InputError("exists but is not a study", field=str(folder))
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:

@@ -77,7 +77,9 @@ def verify(
         text = (store.folder / SCENARIOS / f"{key}.toml").read_text(encoding="utf-8")
         kept = store.scan([key], run + 1)
         assert kept is not None  # it is among those that are saved
-        task = Task(((key, text),), run, run + 1, store.world["seed"], store.world["motion"], store.world["code"])
+        task = Task(
+            ((key, text),), run, run + 1, store.world["seed"], store.world["motion"], store.world["code"]
+        )
         mine, again = kept.filter(pl.col("run") == run).collect(), simulate_runs(task)
         differing = [name for name in mine.columns if not mine[name].equals(again[name], null_equal=True)]
         rows.append((Scenario.from_toml(text).strategy.name, run, not differing, ", ".join(differing)))

@@ -1,0 +1,92 @@
+"""The reports of what is on disk: folders that commands wrote, scenarios, studies, searches, tables and floors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.core.folders import kind_of
+from vibroswarm.core.numbers import count, listed
+from vibroswarm.core.tables import read_frame
+from vibroswarm.core.untrusted_files import parsed_toml, read_text
+from vibroswarm.errors import InputError
+from vibroswarm.report.report import Report, Table, report
+from vibroswarm.report.save import DATA, read
+from vibroswarm.scenario.scenario import Scenario, preset
+
+OF_SEARCH: Final = {"space", "objective", "search"}
+OF_STUDY: Final = {"grid", "zip", "list", "sobol", "runs", "until"}
+"""Entries of files that no scenario has."""
+
+
+@report.register
+def of_scenario(scenario: Scenario) -> Report:
+    """Return the fields of a scenario that differ from those of the preset ``paper``."""
+    here, paper = scenario.model_dump(mode="json"), preset("paper").model_dump(mode="json")
+    rows = [
+        (f"{section}.{name}", _text(value), _text(paper[section].get(name)))
+        for section, fields in here.items()
+        for name, value in fields.items()
+        if value != paper[section].get(name)
+    ]
+    frame = pl.DataFrame(rows, schema=dict.fromkeys(("field", "here", "paper"), pl.String), orient="row")
+    fields = Table(frame, "Fields")
+    answer = f"{count(frame.height, 'field')} differ from preset paper." if rows else "As preset paper."
+    return Report("Scenario", (answer,), {"fields": fields}, made_by={"hash": scenario.hash})
+
+
+def of_path(path: Path) -> Report:
+    """Return the report of what a command has written, or of a file of a scenario, study, search or table.
+
+    Raises:
+        InputError: there is nothing that can be shown.
+    """
+    if path.is_dir():
+        return _of_folder(path)
+    if path.suffix == ".toml":
+        return _of_toml(path)
+    if path.suffix == ".json":
+        return read(path)
+    frame = pl.read_csv(path) if path.suffix == ".csv" else read_frame(path, path.stem)
+    return Report(path.name, (f"{count(frame.height, 'row')}.",), {"table": Table(frame)})
+
+
+def _of_folder(folder: Path) -> Report:
+    """Return the saved report of a folder, or that of the runs in it."""
+    if (folder / DATA).is_file():
+        return read(folder / DATA)
+    kind = kind_of(folder)
+    if kind == "study":
+        from vibroswarm.study.spec import Study
+
+        return report(Study.open(folder)[1])
+    if kind in ("result", "recording"):
+        from vibroswarm.recordings.recording import read_result
+
+        return report(read_result(folder))
+    raise InputError("holds no results of a command that has ended", field=str(folder))
+
+
+def _of_toml(path: Path) -> Report:
+    entries = set(parsed_toml(read_text(path, "a file in TOML"), str(path)))
+    if entries & OF_SEARCH:
+        from vibroswarm.search.spec import Search
+
+        search = Search.read(path)
+        return Report(
+            "Search", (f"Fields: {listed(search.space.names)}.",), {}, made_by={"hash": search.hash}
+        )
+    if entries & OF_STUDY:
+        from vibroswarm.study.spec import Study
+
+        study = Study.read(path)
+        answer = f"{count(len(study.cells), 'cell')}; varied: {listed(study.varied or ['nothing'])}."
+        cells = pl.DataFrame({"cell": [cell.name for cell in study.cells]})
+        return Report(study.name or "Study", (answer,), {"cells": Table(cells)}, made_by={"hash": study.hash})
+    return report(Scenario.read(path))
+
+
+def _text(value: Any) -> str:
+    return "-" if value is None else " ".join(map(str, value)) if isinstance(value, list) else str(value)
