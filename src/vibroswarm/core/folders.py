@@ -7,7 +7,6 @@ else the kind records. All kinds have one format number.
 |---|---|---|
 | result, recording | tables of runs | ``result``, ``recordings.recording`` |
 | study | runs (study, league, detection) | ``study.run`` |
-| search | steps and fresh runs of a search | ``search.steps`` |
 | results | what a command printed, its page and its tables | ``documents.saved`` |
 
 Tables that a longer work adds one by one (steps, fresh runs) have a description each, a manifest beside them:
@@ -46,8 +45,6 @@ KINDS: Final = {
     "search": "a search",
     "item": "an item of the reproduction",
     "results": "results of a command",
-    "step": "a step of a search",
-    "fresh": "fresh runs of a search",
     "document": "what a command printed",
 }
 """Kinds of manifests, in words."""
