@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from vibroswarm.search.race import Race, allocate
 
 from helpers import search_functions as functions
 from vibroswarm.search.methods import chance
 from vibroswarm.search.pso import Pso, PsoSettings
-from vibroswarm.search.race import Race, allocate
 
 
 def swarm(seed: int = 1, starts: Any = None, **settings: Any) -> Pso:

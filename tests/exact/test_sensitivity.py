@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-
 from vibroswarm.documents.search import sensitivity_document
+from vibroswarm.show.data import document_data
+
 from vibroswarm.search import sensitivity
 from vibroswarm.search.sensitivity import indices, saltelli
-from vibroswarm.show.data import document_data
 
 pytest.importorskip("SALib")
 

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from vibroswarm.show.markup import unbroken_options
 
 import vibroswarm
 from helpers.commands import json_of, output_of, refusal_of, words_of
 from helpers.search_functions import steps_of
 from vibroswarm.cli import main
 from vibroswarm.core.numbers import count
-from vibroswarm.show.markup import unbroken_options
 
 SMALL = (
     Path(__file__).parents[1] / "helpers" / "small_search.toml"

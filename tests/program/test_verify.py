@@ -7,11 +7,11 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from vibroswarm.search.verify import verify
 
 from vibroswarm import Result, Study, preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.search import verify as module
-from vibroswarm.search.verify import verify
 from vibroswarm.study.batch import Task, simulate_runs
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})

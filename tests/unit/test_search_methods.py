@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from vibroswarm.documents.search import search_document
 
 from helpers import search_functions as functions
 from helpers.search_functions import steps_of
-from vibroswarm.documents.search import search_document
 from vibroswarm.errors import InputError
 from vibroswarm.search.archive import Archive
 from vibroswarm.search.loop import Found, run_search

@@ -22,7 +22,8 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
     question = found.question
     weakest = min(question.contrasts)
     wanted = f"{in_cm(question.least_m)} cm or larger, contrast {weakest:g} or more"
-    risk = f"risk {found.stopping.risk:.1%}, tolerated {question.risk:.1%}"
+    posterior = found.stopping.risk
+    risk = f"risk {f'{posterior:.1%}' if posterior > 1e-3 else 'below 0.1%'}, tolerated {question.risk:.1%}"
     p = p_value(found.scan.p_value)
     verdicts = {
         "refused": f"NOT CERTIFIED: {Refusal.REFUSED.value}",
