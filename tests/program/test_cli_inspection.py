@@ -26,7 +26,7 @@ def test_a_plate_is_inspected_and_saved(capsys: pytest.CaptureFixture[str], tmp_
         "--replicates",
         "99",
     )
-    found = json_of(capsys, "inspect", *asked)
+    found = json_of(capsys, "inspect", *asked, "--json")
     assert found["answer"][0].startswith("DAMAGE: 2 patches")
     assert [round(patch["x_m"], 1) for patch in found["tables"]["patches"]] == [0.7, 0.3]
     assert found["tables"]["map"][1]["3"] == 100
@@ -39,6 +39,8 @@ def test_a_plate_is_inspected_and_saved(capsys: pytest.CaptureFixture[str], tmp_
 
 @pytest.mark.slow
 def test_a_plan_is_made(capsys: pytest.CaptureFixture[str]) -> None:
-    found = json_of(capsys, "inspect", "--plan", "5", "--minutes", "10", "--runs", "4", "--plates", "40")
+    found = json_of(
+        capsys, "inspect", "--plan", "5", "--minutes", "10", "--runs", "4", "--plates", "40", "--json"
+    )
     assert found["tables"]["plan"][0]["robots"] == 5
     assert 0.03 < found["tables"]["plan"][0]["a90_m"] < 0.3

@@ -69,11 +69,9 @@ class Damage:
         Option("squares, or 30x5 rectangles (default 7,10,14,20,28)", "CM,...", read=sides),
     ] = None
     least_cm: Annotated[float, Option("smallest side that must be found", "CM", low=0.1)] = 10.0
-    contrasts: Annotated[tuple[float, ...], Option("contrasts that must be found", "C,...")] = (
-        1.0,
-        0.75,
-        0.5,
-    )
+    contrasts: Annotated[
+        tuple[float, ...], Option("contrasts that must be found", "C,...", low=0.01, high=1)
+    ] = (1.0, 0.75, 0.5)
     prior: Annotated[float, Option("probability of damage before any sample", "P%", read=share)] = 0.5
     risk: Annotated[float, Option("tolerated probability after clearing", "P%", read=share)] = 0.05
     level: Annotated[float, Option("tolerated share of false calls", "P%", read=share)] = 0.05

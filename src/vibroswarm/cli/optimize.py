@@ -10,7 +10,7 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import deliver
 from vibroswarm.cli.options import Drawn, Where
 from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import STAGES, progress_bar, say_compiling
+from vibroswarm.cli.progress import progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import warn_of
 from vibroswarm.cli.terminal import report
 from vibroswarm.core.registry import written_names
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def method_names() -> list[str]:
     """Return the names of the methods of this package."""
-    return sorted(written_names("optimize"))
+    return sorted(written_names("search"))
 
 
 File = Annotated[Path | None, Option("the search file (default: the paper's search)", "SEARCH.toml")]
@@ -35,12 +35,15 @@ class SearchOptions:
 
     method: Annotated[str | None, Option("{names}, or FILE.py:NAME (default pso)", names=method_names)] = None
     noise: Annotated[
-        str | None, Option("for pso: rescore (default), ocba, fixed (the paper), or as-ran (its program)")
+        str | None, Option("for pso: rescore (default), fixed (the paper), or as-ran (its program)")
     ] = None
     cost: Cost = None
     budget: Annotated[int | None, Option("runs that the search may use")] = None
     fresh: Annotated[int | None, Option("fresh runs to validate the best (default 2000)")] = None
     seed: Seed = None
+    strategy: Annotated[str | None, Option("what robots send each other")] = None
+    robots: Annotated[int | None, Option("number of robots")] = None
+    floor: Annotated[str | None, Option("pattern (diagonal:0.46), random:0.48, or file", "FLOOR")] = None
 
 
 def optimize(
@@ -70,25 +73,24 @@ def optimize(
       vibroswarm optimize search.toml --method tpe --budget 5000
       vibroswarm evaluate out/pso/best.toml paper --cost authors_code    compare what was found with a preset
     """
-    from vibroswarm.documents.search import plan_sentences, search_document
-    from vibroswarm.search.loop import check_ready
-    from vibroswarm.search.words import search_of, searched
+    from vibroswarm.search.options import search_of, searched
 
     made = search_of(search, **vars(settings))
-    check_ready(made)  # now, since `--force` removes the folder
     claim(output, "optimize", made.hash)
     _start(made)
-    for sentence in plan_sentences(made):
-        report(sentence)
-    with progress_bar("searching") as update:
+    runs = made.search_runs + made.final_runs
+    report(
+        f"{made.settings.method}: {runs:,} runs, and {made.settings.fresh:,} fresh runs to validate; seed {made.seed}"
+    )
+    with progress_bar("searching") as update, progress_bar("fresh runs") as validating:
         found = searched(
             made,
             output.out,
             progress=lambda now: update(now.runs, now.wanted, f"{now.method}: best so far {now.best:.4g}"),
-            stages=STAGES,
+            validating=lambda done: validating(done, made.settings.fresh * (1 + len(made.starts))),
             **execution.where,
         )
-    deliver(search_document(*found), output)
+    deliver(found, output)
 
 
 def _start(search: Search) -> None:
@@ -113,17 +115,14 @@ def sensitivity(
     example:
       vibroswarm optimize sensitivity search.toml --budget 20000 --out out/which
     """
-    from vibroswarm.search.sensitivity import design_of, sobol_indices, write_sensitivity
-    from vibroswarm.search.words import counting, search_of
+    from vibroswarm.search.options import search_of
+    from vibroswarm.search.sensitivity import PIECE, design_of, sobol_indices
 
     made = search_of(search, cost=cost, seed=seed)
-    design_of(
-        made, budget
-    )  # refuses a small budget and code not loaded now, since `--force` removes the folder
+    runs = len(design_of(made, budget)) * PIECE
     claim(output, "optimize sensitivity", made.hash, budget)
     _start(made)
-    with counting(STAGES)("simulating", budget) as counted:
-        indices = sobol_indices(made, budget, progress=counted, **execution.where)
-    if output.out is not None:
-        write_sensitivity(indices, output.out)
+    report(f"{runs:,} runs of {len(made.space.names)} fields; seed {made.seed}")
+    with progress_bar("simulating") as update:
+        indices = sobol_indices(made, budget, progress=lambda done: update(done, runs), **execution.where)
     deliver(indices, output)

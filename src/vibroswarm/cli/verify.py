@@ -12,7 +12,7 @@ from vibroswarm.cli.progress import progress_bar
 
 
 def verify(
-    folder: Annotated[Path, Option("folder of a run, study, league, search or reproduction", "DIR")],
+    folder: Annotated[Path, Option("folder of a study, league or reproduction", "DIR")],
     /,
     *,
     runs: Annotated[int, Option("runs to simulate again, drawn from all", low=1)] = 20,
@@ -28,10 +28,9 @@ def verify(
     examples:
       vibroswarm verify out/study
       vibroswarm verify out/league --runs 200
-      vibroswarm verify out/pso                  a search: runs of its steps, and fresh runs
-      vibroswarm verify out/paper                a reproduction: runs of its cells and searches
+      vibroswarm verify out/paper                a reproduction: runs of its studies
     """
-    from vibroswarm.search.verify import verify as simulate_again
+    from vibroswarm.study.verify import verify as simulate_again
 
     with progress_bar("simulating again") as progress:
         verified = simulate_again(folder, runs, seed, progress)

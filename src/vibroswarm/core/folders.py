@@ -7,7 +7,6 @@ else the kind records. All kinds have one format number.
 |---|---|---|
 | result, recording | tables of runs | ``result``, ``recordings.recording`` |
 | study | runs (study, league, detection) | ``study.run`` |
-| search | steps and fresh runs of a search | ``search.steps`` |
 | item | tables of an item of the reproduction | ``paper.item`` |
 | results | what a command printed, its page and its tables | ``documents.saved`` |
 
@@ -47,8 +46,6 @@ KINDS: Final = {
     "search": "a search",
     "item": "an item of the reproduction",
     "results": "results of a command",
-    "step": "a step of a search",
-    "fresh": "fresh runs of a search",
     "document": "what a command printed",
 }
 """Kinds of manifests, in words."""

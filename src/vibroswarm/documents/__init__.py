@@ -17,7 +17,6 @@ DOCUMENTS: Final = {
     "vibroswarm.recordings.replay.Replays": "recording:replay_document",
     "vibroswarm.recordings.spectrum.Spectra": "spectrum:spectrum_document",
     "vibroswarm.recordings.threshold.Recommendation": "recording:threshold_document",
-    "vibroswarm.search.sensitivity.Sensitivity": "search:sensitivity_document",
 }
 """Module and function, by module and name of the class. Packages of results take long to import, so that each module is
 imported when a document is asked for."""

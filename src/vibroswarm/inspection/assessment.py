@@ -10,7 +10,6 @@ from typing import Final, Literal
 import numpy as np
 import polars as pl
 
-from vibroswarm.errors import InputError
 from vibroswarm.inspection.checks import law_checks
 from vibroswarm.inspection.missed import own_trials
 from vibroswarm.inspection.patches import SIZES_M, Sides, declared, shares_of
@@ -80,8 +79,6 @@ def assess(
     question = question or Question()
     done = progress or (lambda share: None)
     if not samples.law.has_contrasts:
-        if question.contrasts not in ((1.0,), Question().contrasts):
-            raise InputError("a law of few different readings has one contrast, 1", field="--contrasts")
         question = replace(question, contrasts=(1.0,))
     stops = stopping(samples, question, seed=seed)
     patches = declared(samples.size_m, sides_m)
@@ -98,7 +95,7 @@ def assess(
         contrast: own_trials(samples, patches, shares, found.critical, contrast=contrast, seed=seed + 1).fit()
         for contrast in question.contrasts
     }
-    refusals = (*samples.doubts, *_refusals(samples, checks))
+    refusals: tuple[Refusal | Doubt, ...] = (*samples.doubts, *_refusals(samples, checks))
     return Assessment(question, found, stops, pods, checks, refusals, _visited(samples))
 
 

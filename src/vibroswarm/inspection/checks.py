@@ -29,7 +29,7 @@ from scipy.special import ndtri
 
 from vibroswarm.inspection.damage import EVEN, drawn_parts, judged, quantiles_of, tiles_below
 from vibroswarm.inspection.patches import Box
-from vibroswarm.inspection.samples import FEWEST, Floats, Law, Samples
+from vibroswarm.inspection.samples import FEWEST, Floats, Law, Samples, read_by
 from vibroswarm.inspection.scan import near, p_value
 from vibroswarm.inspection.tile_map import felt_on, tile_map
 from vibroswarm.statistics.intervals import generator
@@ -101,9 +101,10 @@ def _still_by_others(samples: Samples) -> NDArray[np.bool_]:
 
 
 def _away(samples: Samples, called: Sequence[Box]) -> NDArray[np.bool_]:
-    return ~np.any(
-        [near(samples, box) for box in called] or [np.zeros(samples.frame.height, dtype=bool)], axis=0
-    )
+    away = np.ones(samples.frame.height, dtype=bool)
+    for box in called:
+        away &= ~near(samples, box)
+    return away
 
 
 def _ranks(law: Law, values: Floats) -> Floats:
@@ -117,7 +118,7 @@ def _statistics(some: Samples, rank: Floats) -> Floats:
     """Return the statistics of ``LAW_CHECKS`` for each replicate, (checks, replicates), of ranks, (samples, those)."""
     number = len(rank)
     if some.law.bits:
-        score = rank - rank_of_ones(some.law)
+        score = rank - read_by(some.law, quantiles_of(some.law)[0]).mean()
         from_law = np.abs(score.mean(axis=0))
     else:
         still = np.sort(rank, axis=0)
@@ -137,11 +138,6 @@ def _statistics(some: Samples, rank: Floats) -> Floats:
             drift = np.maximum(drift, np.abs(slope) / np.sqrt(square))
             together, squared = together + slope, squared + square
     return np.stack([from_law, between, np.maximum(drift, np.abs(together) / np.sqrt(squared))])
-
-
-def rank_of_ones(law: Law) -> float:
-    """Return the share of ones that a law of readings expects on still places."""
-    return float(quantiles_of(law)[0].mean())
 
 
 def _against_the_tile(some: Samples, score: Floats) -> Floats:

@@ -15,10 +15,8 @@ standard deviation of sqrt(s_t^2 / tiles + s_r^2 / robots), which multiplies all
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,7 +30,6 @@ from vibroswarm.calibrate.few_groups import limits_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.core.atomic_io import write_file
-from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, in_file
 from vibroswarm.inspection.samples import FEWEST, Doubt, Draw, Floats, Law, session_hash
 from vibroswarm.observation.decision_boundary import grid_of
@@ -81,11 +78,10 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
     base = found.results[0].scenario
     draws_of = ({name: float(values[k]) for name, values in fitted.draws.items()} for k in range(draws))
     sensor, *drawn = (_sensor_of(base, fitted.rounded(values)) for values in (fitted.values, *draws_of))
-    digest = hashlib.sha256(csv_bytes(chosen.samples)).hexdigest()[:16]
     # Sessions are numbered over all results.
     numbered = [(result, int(run)) for result in found.results for run in result.runs["run"].to_list()]
     hashes = tuple(hash_of_run(*numbered[session]) for session in sessions)
-    return Law(sensor, words, digest, hashes, _with_law(sensor, drawn), camera=camera)
+    return Law(sensor, words, hashes, _with_law(sensor, drawn), camera=camera)
 
 
 def _with_law(sensor: Sensor, judges: Sequence[Sensor]) -> tuple[Draw, ...]:
@@ -147,7 +143,7 @@ def law_of_bits(recording: Recording, runs: Sequence[int], words: str, *, draws:
     sensor, *judges = map(sensor_of_bits, [(ones + 0.5) / (number + 1.0), *drawn])
     hashes = tuple(hash_of_run(recording, run, "observation") for run in runs)
     of_law = tuple(Draw(judge, sensor) for judge in judges)
-    return Law(sensor, f"shares of ones, {words}", session_hash(drawn), hashes, of_law, bits=True)
+    return Law(sensor, f"shares of ones, {words}", hashes, of_law, bits=True)
 
 
 def sensor_of_bits(ones: NDArray[Any]) -> Sensor:
@@ -169,20 +165,12 @@ def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (
     if path.is_dir():
         return law_of_recordings([Recording.read(path)], draws)
     if path.suffix.lower() == ".csv":
-        return _law_of_file(path.name, path.read_bytes(), path, spreads)
+        vibrating, still = (np.array(each) for each in read_energies(path))
+        return law_of_measured(vibrating, still, f"'{path.name}'", spreads)
     if text in preset_names():
         return law_of_scenario(preset(text), f"preset '{text}'")
     with in_file(path):  # laws of draws may be wrong too
         return known_from(Scenario.read(path), f"'{path.name}'")
-
-
-@lru_cache(maxsize=4)
-def _law_of_file(name: str, content: bytes, path: Path, spreads: tuple[float, float]) -> Law:
-    """Return the law of a file; cached with the tables of its draws, as many surfaces may be judged by it."""
-    vibrating, still = (np.array(each) for each in read_energies(path))
-    return replace(
-        law_of_measured(vibrating, still, f"'{name}'", spreads), hash=hashlib.sha256(content).hexdigest()[:16]
-    )
 
 
 def law_of_measured(
@@ -216,7 +204,7 @@ def law_of_measured(
         f"{words}: {still.size} still and {vibrating.size} vibrating values; places of 20 cm differ by "
         f"{spreads[0]:.0%}, robots by {spreads[1]:.0%}"
     )
-    return Law(sensor, origin, "", (session_hash(np.concatenate([vibrating, still])),), draws)
+    return Law(sensor, origin, (session_hash(np.concatenate([vibrating, still])),), draws)
 
 
 def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> Iterator[Draw]:
@@ -258,7 +246,9 @@ def _smoothed(truth: Sensor, scale: Scale, often: Floats) -> Sensor:
 def law_of_scenario(scenario: Scenario, words: str) -> Law:
     """Return the law and the camera that a scenario states, as if they were exact."""
     camera = Camera.of(scenario)
-    return Law(scenario.sensor, f"stated by {words}", scenario.hash, place=grid_of(scenario), camera=camera)
+    return Law(
+        scenario.sensor, f"stated by {words} ({scenario.hash})", place=grid_of(scenario), camera=camera
+    )
 
 
 def known_from(scenario: Scenario, words: str) -> Law:
@@ -268,7 +258,7 @@ def known_from(scenario: Scenario, words: str) -> Law:
     drawn = [_sensor_of(scenario, dict(zip(FITTED, row, strict=True))) for row in scenario.law.draws or ()]
     words = f"{words}, fitted to {len(scenario.law.sessions)} sessions on a known floor"
     draws, camera = _with_law(scenario.sensor, drawn), Camera.of(scenario)
-    return Law(scenario.sensor, words, scenario.hash, scenario.law.sessions, draws, camera=camera)
+    return Law(scenario.sensor, f"{words} ({scenario.hash})", scenario.law.sessions, draws, camera=camera)
 
 
 def with_law(recording: Recording, law: Law) -> tuple[Recording, tuple[str, ...]]:

@@ -21,7 +21,6 @@ import numpy as np
 from scipy import optimize
 from scipy.special import expit, logit, xlogy
 
-from vibroswarm.errors import InputError
 from vibroswarm.inspection.samples import Floats
 
 INTACT: Final = 2000
@@ -59,12 +58,8 @@ def fit_pod(size_m: Floats, found: Floats, false: int, intact: int) -> Pod:
     Args:
         size_m, found: size of the damage of each inspection, and whether it was called (1) or not (0), (inspections,).
         false, intact: number of intact surfaces that were called, and that were inspected.
-    Raises:
-        InputError: there are fewer than 20 inspections, or of fewer than 3 sizes.
     """
     sizes, at = np.unique(size_m, return_inverse=True)
-    if at.size < 20 or sizes.size < 3:
-        raise InputError("a curve needs at least 20 inspections, of at least 3 sizes", field="sizes")
     number, hits = np.bincount(at), np.bincount(at, found)
     p_f, log_size = false / intact, np.log(sizes)
     centre, largest = float(log_size.mean()), float(log_size[-1])

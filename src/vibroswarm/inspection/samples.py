@@ -20,7 +20,6 @@ from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, Place
 from vibroswarm.observation.energy_model import (
-    energy_of,
     log_ratios_of_bits,
     log_ratios_of_classes,
     log_ratios_of_energies,
@@ -87,8 +86,6 @@ class Law:
     """Distributions of energies, reach and blur of edges, differences between tiles and robots."""
     origin: str
     """The reference, in words."""
-    hash: str = ""
-    """Hash of the reference."""
     sessions: tuple[str, ...] = ()
     """``session_hash`` of each session that it was fitted to."""
     draws: tuple[Draw, ...] = ()
@@ -191,18 +188,3 @@ def read_by(law: Law, energy: NDArray[Any]) -> Floats:
     if len(model.names_of_numbers(law.sensor.params)) > 1:
         raise InputError(f"'{model.name}' measures several numbers; leave it out", field="--bits")
     return readings_of(law.sensor, energy.ravel()).reshape(energy.shape).astype(np.float64)
-
-
-def check_law(law: Law) -> None:
-    """Refuse a law by which no sample tells still from vibrating.
-
-    Raises:
-        InputError: the distributions on still and vibrating places overlap wholly.
-    """
-    if law.sensor.kinds > 2:
-        return
-    u = (np.arange(400) + 0.5) / 400
-    if ratios_of_values(law, read_by(law, energy_of(law.sensor, 1, u, law.place))).mean() < 0.01:  # nats
-        raise InputError(
-            "the laws of still and of vibrating places overlap wholly: nothing can be said", field=law.origin
-        )

@@ -75,8 +75,6 @@ def samples_of_result(
             f"is of the places of a camera or a CSV; these are {places.value}", field="--spread-mm"
         )
     many = law.sensor.kinds > 2
-    if many != (result.scenario.sensor.kinds > 2):
-        raise InputError(f"has {law.sensor.kinds} kinds of tile, the result others", field="--laws")
     read = _values(result, of_run, bits or many)
     frame = _with_places(result, motion, of_run, spread_m)
     truth = motion.select(*KEY, true_x_m="x_m", true_y_m="y_m")

@@ -23,7 +23,6 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit, logit, logsumexp
 
-from vibroswarm.errors import InputError
 from vibroswarm.inspection.damage import drawn_parts, judged, ratios_at, squares_at
 from vibroswarm.inspection.patches import declared, log_likelihoods, shares_of
 from vibroswarm.inspection.samples import Floats, Samples
@@ -47,14 +46,6 @@ class Question:
     """Tolerated probability of damage after clearing."""
     level: float = 0.05
     """Tolerated share of false calls: intact surfaces that are called damaged."""
-
-    def __post_init__(self) -> None:
-        """Refuse probabilities outside (0, 1), and contrasts outside (0, 1]."""
-        for name in ("prior", "risk", "level"):
-            if not 0.0 < getattr(self, name) < 1.0:
-                raise InputError("must be above 0 and below 1", field=f"--{name}")
-        if not self.contrasts or not all(0.0 < contrast <= 1.0 for contrast in self.contrasts):
-            raise InputError("must be above 0 and at most 1", field="--contrasts")
 
 
 class Stopping(NamedTuple):

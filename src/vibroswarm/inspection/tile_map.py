@@ -145,7 +145,8 @@ def tile_map(samples: Samples, times_s: ArrayLike) -> Floats:
 def felt_on(samples: Samples, p: Floats) -> Floats:
     """Return the probability that each sample feels vibration at its place, by a map of the tiles, (samples,)."""
     at, number = place_shares(samples), samples.frame.height
-    return np.bincount(np.repeat(np.arange(number), np.diff(at.first)), at.share * p[at.tile], number)
+    sample = np.repeat(np.arange(number), np.diff(at.first))
+    return np.bincount(sample, at.share * p[at.tile], number).astype(np.float64)
 
 
 def any_but_still(samples: Samples) -> Samples:

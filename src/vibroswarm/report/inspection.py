@@ -42,7 +42,7 @@ def of_inspection(found: Inspection) -> Report:
         },
         setting=f"{_setting(samples)}; places {samples.places.value}; law {samples.law.origin}",
         warnings=tuple(_warnings(found)),
-        made_by={"law": samples.law.hash, "samples": samples.hash, **versions()},
+        made_by={"law": samples.law.origin, "samples": samples.hash, **versions()},
     )
 
 

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from vibroswarm.core.numbers import count, percent
 from vibroswarm.report.report import Report, Table, report
-from vibroswarm.search.verify import Verified
+from vibroswarm.simulation import versions
+from vibroswarm.study.verify import Verified
 
 
 @report.register
 def of_verified(verified: Verified) -> Report:
     """Return how many runs came out the same, and which did not."""
-    differing = verified.runs.filter(~verified.runs["same"]).select("cell", "run", "tables")
+    again = verified.runs.height
+    upper = percent(verified.differing_share.high, None, digits=2)
     answer = (
-        f"{'Verified' if verified.holds else 'NOT VERIFIED'}: {verified.same} of {count(verified.runs.height, 'run')} "
-        f"came out the same again, bit by bit."
+        f"{'Verified' if verified.holds else 'NOT VERIFIED'}: {verified.same} of {count(again, 'run')} came out the "
+        f"same again, bit by bit; of all {verified.saved}, less than {upper} differ (95 %).",
     )
-    if verified.runs.height < verified.saved:
-        upper = percent(verified.share_that_differs.high, None, digits=2)
-        answer += f" Up to {upper} of {count(verified.saved, 'saved run')} may differ (95 %)."
-    other = [f"made by {name} {theirs}, not {own}" for name, (theirs, own) in verified.other_versions.items()]
     return Report(
-        title=f"Runs of {verified.folder} simulated again",
-        answer=(answer,),
-        parts={
-            "differing": Table(differing, "Runs that differ", titles={"tables": "tables that differ"}),
-            "runs": Table(verified.runs, "All runs", folded=True),
-        },
-        warnings=(*(f"damaged: {each}" for each in verified.damaged), *other),
+        f"Runs of {verified.folder} simulated again",
+        answer,
+        {"differing": Table(verified.runs.filter(~verified.runs["same"]).drop("same"), "Differing runs")},
+        warnings=tuple(f"damaged: {path}" for path in verified.damaged),
+        made_by=versions(),
     )

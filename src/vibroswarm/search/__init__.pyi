@@ -5,8 +5,8 @@ from .cell_scores import with_fresh_runs as with_fresh_runs
 from .loop import Found as Found
 from .loop import run_search as run_search
 from .methods import Method as Method
-from .methods import Sampler as Sampler
 from .objective import Objective as Objective
+from .optuna_samplers import optuna_method as optuna_method
 from .outcomes import Outcomes as Outcomes
 from .outcomes import outcomes_of as outcomes_of
 from .pso import PsoSettings as PsoSettings
@@ -14,7 +14,6 @@ from .search_files import best_scenario as best_scenario
 from .search_files import candidate_table as candidate_table
 from .search_files import history_table as history_table
 from .search_files import write_search as write_search
-from .sensitivity import ped_anova as ped_anova
 from .sensitivity import sobol_indices as sobol_indices
 from .space import Space as Space
 from .spec import Search as Search

@@ -1,339 +1,223 @@
-"""Evaluate candidates on any executor, in small pieces: from values of fields to the figures of each run.
+"""Simulate runs of candidates on any executor, from values of fields to figures; runs that are saved are not simulated.
 
-The runs of a candidate are divided into pieces, the units of work that are sent to workers. The number of a run
-determines its motion and floor. The evaluations (runs) of candidates are numbered in one of three ways:
-
-* ``independent``: every evaluation of the search gets a new number, so that evaluations are independent.
-* ``common`` (common random numbers): evaluation e of every candidate is run e.
-* ``AS_RAN``, as in the paper's program: the number is ``pso.shared_run``. Each run is a piece of its own, so that
-  crashed runs can be dropped one by one.
-
-Results are joined in the order of the requests, so that they do not depend on the number or the speed of the workers.
+A run is known by its purpose, the values and its number. The purpose, such as "evaluations" or "fresh runs", gives the
+seed. With a folder, all runs are saved in one file, which is written anew after each step; a damaged one is as if it
+were not there.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.numbers import every
-from vibroswarm.errors import CodeError, InputError, RunError, plain_value
+from vibroswarm.core.atomic_io import make_folder, write_file
+from vibroswarm.core.tables import parquet_bytes
+from vibroswarm.errors import InputError, RunError, plain_value
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.search.archive import Archive
-from vibroswarm.search.methods import Ask
 from vibroswarm.search.objective import Objective, Rows
-from vibroswarm.search.outcomes import Outcomes, outcomes_of
-from vibroswarm.search.pso import shared_run
-from vibroswarm.statistics.intervals import generator
+from vibroswarm.search.outcomes import outcomes_of
+from vibroswarm.simulation import versions
 from vibroswarm.study.batch import scenario_of
 from vibroswarm.study.run import Pool, do_all
 
-PIECE: Final = 10
-"""Runs in a piece: about 20 ms of work, hundreds of times the cost of submitting it."""
-NUMBERS: Final = ("independent", "common")
-AS_RAN: Final = "as-ran"
-"""Numbering of a search as by the paper's program, which does not read the setting ``numbers``."""
-RUN_LIMIT: Final = 2**32
-"""Run numbers are below this."""
+if TYPE_CHECKING:
+    from vibroswarm.search.spec import Search
+
+ARCHIVE: Final = "archive.parquet"
+"""File with the runs of a search."""
+MOST: Final = 50
+"""Most runs in a piece of work."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Piece:
-    """Successive runs of one candidate, in plain values, to be sent to a worker."""
+class Request(NamedTuple):
+    """Runs of one set of values."""
 
-    first: int
-    """Number of the first run."""
-    last: int
-    """One past the number of the last run."""
+    purpose: str
+    values: Mapping[str, Any]
+    runs: Sequence[int]
+
+
+class Figures(NamedTuple):
+    """Figures of the runs of a request."""
+
+    rows: Rows
+    """(runs, cases, columns), where the columns of all objectives stand side by side."""
+    runs: NDArray[np.int64]
+    """Numbers of the runs that succeeded, in the order of ``rows``."""
+    failed: int = 0
+    why: str = ""
+    """Why the first of the failed runs failed."""
+
+
+class Piece(NamedTuple):
+    """Runs of one set of values, in plain values, to be sent to a worker."""
+
+    purpose: str
+    values: str
+    """JSON."""
+    runs: tuple[int, ...]
     seed: int
     motion: str
-    code: tuple[tuple[str, str], ...] = ()
-    """The files of user code that the scenarios need: reference to code (``plugins``) and text of each."""
     cases: tuple[str, ...]
     """Scenarios as TOML; each run is simulated in all of them."""
-    values: tuple[tuple[str, Any], ...]
-    """Names and values of the fields that the candidate sets in each scenario."""
-    crashed: bool = False
-    """Whether the runs count as crashed, as some runs of the paper's program did; they are not simulated."""
-
-    @property
-    def runs(self) -> int:
-        """Number of runs."""
-        return self.last - self.first
-
-    @property
-    def numbers(self) -> range:
-        """Numbers of the runs."""
-        return range(self.first, self.last)
-
-    def parts(self, count: int) -> list[Piece]:
-        """Divide it into ``count`` parts of nearly equal size; into one per run if it has fewer runs."""
-        count = min(count, self.runs)
-        bounds = [self.first + self.runs * k // count for k in range(count + 1)]
-        return [replace(self, first=first, last=last) for first, last in pairwise(bounds)]
-
-
-CRASHED: Final = "taken to crash (pso.crash_share)"
-"""Reason of failure of runs that count as crashed."""
+    code: tuple[tuple[str, str], ...]
+    """References to users' code, and its text."""
 
 
 def derived_seed(seed: int, purpose: str) -> int:
-    """Derive a seed for one purpose of a search: evaluations, fresh runs, ..."""
+    """Derive a seed for one purpose of a search."""
     # 7 bytes, so that every derived seed is below ``rng.SEED_LIMIT``, 2^63.
     return int.from_bytes(hashlib.sha256(f"optimizer: {purpose} of {seed}".encode()).digest()[:7])
 
 
-def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
-    """Simulate the runs of a piece and return their figures, or the reason why all of them failed.
+def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> list[Rows | str]:
+    """Simulate runs; return the figures of each, (cases, columns), or why it failed.
 
-    The figures are (runs, cases, columns), where the columns of all objectives stand side by side. The runs fail if the
-    candidate's values give a scenario that is invalid or cannot be simulated.
-
-    Raises:
-        InputError: a cost gives no finite number, or is not defined on these outcomes (see ``Objective.figures``). This
-            is an error in the objective or the scenario, not a failed run, and ends the search.
+    A run fails if its values make no scenario, or if the simulation or a cost fails.
     """
-    if piece.crashed:
-        return CRASHED
     try:
         plugins.install_all(piece.code)  # a worker process may not have loaded the user code yet
-        values = json.dumps(plain_value(piece.values))
-        scenarios = [_scenario(text, values) for text in piece.cases]
-        outcomes = outcomes_of(scenarios, piece.seed, piece.numbers, piece.motion)
-    except InputError as error:
-        return str(error)
-    except (CodeError, RunError, MemoryError, OSError):  # the last two are of the machine, not of the runs
+        scenarios = [_scenario(text, piece.values) for text in piece.cases]
+        outcomes = outcomes_of(scenarios, piece.seed, piece.runs, piece.motion)
+        figures = [np.hstack([o.figures(case) for o in objectives]) for case in outcomes]
+        return list(np.stack(figures, axis=1))
+    except (MemoryError, OSError):  # of the machine, not of the runs
         raise
-    except Exception as error:  # numbers that go wrong in a simulation
-        return f"{type(error).__name__}: {error}"
-    return rows_of(outcomes, objectives)
-
-
-def rows_of(cases: Sequence[Outcomes], objectives: Sequence[Objective]) -> Rows:
-    """Compute the figures of all objectives from the outcomes of each case, (runs, cases, columns)."""
-    return np.stack([np.hstack([o.figures(outcomes) for o in objectives]) for outcomes in cases], axis=1)
+    except Exception as error:
+        if len(piece.runs) == 1:
+            return [
+                str(error) if isinstance(error, InputError | RunError) else f"{type(error).__name__}: {error}"
+            ]
+        return [do_piece(piece._replace(runs=(run,)), objectives)[0] for run in piece.runs]
 
 
 @lru_cache(maxsize=512)
 def _scenario(text: str, values: str) -> Scenario:
-    """Return the scenario of a TOML text with a candidate's values; cached, since a candidate has several pieces.
-
-    The values are JSON, as a list cannot be the key of a cache.
-    """
     return scenario_of(text).with_values(dict(json.loads(values)))
 
 
-class Simulations:
-    """Simulations of the same cases with different values of fields, from one seed.
+class Evaluator:
+    """Simulates runs of the cases of a search.
 
     Args:
-        cases: scenarios in which each run is simulated. seed: of all runs. motion: name of the motion source.
+        folder: where runs are saved, and those of an earlier call are read; None: nowhere.
+    Raises:
+        InputError: the folder holds another search.
     """
 
-    def __init__(self, cases: Sequence[Scenario], seed: int, motion: str = "event") -> None:
-        self.cases, self.seed, self.motion = tuple(case.to_toml() for case in cases), seed, motion
-        self.code = plugins.texts_of([motion, *(code for case in cases for code in case.codes)])
+    def __init__(self, search: Search, pool: Pool, folder: Path | None = None) -> None:
+        self.search, self.pool, self.folder = search, pool, folder
+        scenarios = [cell.scenario for cell in search.cases]
+        self.cases = tuple(scenario.to_toml() for scenario in scenarios)
+        self.code = plugins.texts_of([search.study.motion, *(c for one in scenarios for c in one.codes)])
+        self.known: dict[tuple[str, str, int], Rows | str] = {}
+        """Figures of each run, or why it failed, by purpose, values and number."""
+        self.saved = pl.DataFrame()
+        self.about = {
+            "search": search.hash,
+            "code": str(versions()["code"]),
+            "iterations": str(search.pso_iterations),
+        }
+        if folder is not None:
+            self._read(folder / ARCHIVE)
 
-    def pieces(
-        self, values: Mapping[str, Any], first: int, end: int, size: int = PIECE, crashed: bool = False
-    ) -> list[Piece]:
-        """Divide the runs ``first`` to ``end`` - 1 of a candidate with these values into pieces of at most ``size``."""
-        code = self.code + plugins.texts_of(value for value in values.values() if plugins.is_code(value))
-        return [
-            Piece(
-                cases=self.cases,
-                values=tuple(values.items()),
-                seed=self.seed,
-                motion=self.motion,
-                first=low,
-                last=min(low + size, end),
-                code=code,
-                crashed=crashed,
-            )
-            for low in range(first, end, size)
-        ]
-
-
-class Evaluator:
-    """Assigns numbers to the runs of candidates, and divides the runs into pieces."""
-
-    def __init__(
-        self,
-        archive: Archive,
-        cases: Sequence[Scenario],
-        seed: int,
-        *,
-        motion: str = "event",
-        numbers: str = "independent",
-        crash_share: float = 0.0,
-        purpose: str = "evaluations",
-    ) -> None:
-        """Prepare to divide the runs of the candidates in ``archive``.
+    def figures(
+        self, requests: Sequence[Request], progress: Callable[[int], None] = lambda done: None
+    ) -> list[Figures]:
+        """Return the figures of each request; runs that are not known are simulated, then all are saved.
 
         Args:
-            cases: scenarios in which each run is simulated. seed: of the search. motion: the motion source.
-            numbers: how runs are numbered, one of ``NUMBERS`` or ``AS_RAN``.
-            crash_share: with ``AS_RAN``, the share of runs that count as crashed.
-            purpose: the seed of the runs is derived from it and the search's. It differs from that of the fresh runs,
-                on which the winner is validated.
+            progress: called with the number of finished runs.
         """
-        self.archive, self.numbers = archive, numbers
-        self.crash_share, self.search_seed = crash_share, seed
-        self.simulations = Simulations(cases, derived_seed(seed, purpose), motion)
-        self.next_run = 0
-        """Next unused number with ``independent`` numbers; otherwise not read."""
+        keys = [
+            [(one.purpose, json.dumps(plain_value(dict(one.values))), run) for run in one.runs]
+            for one in requests
+        ]
+        pieces = [
+            piece for one in keys for piece in self._pieces([key for key in one if key not in self.known])
+        ]
+        done = sum(map(len, keys)) - sum(len(piece.runs) for piece in pieces)
 
-    def pieces(self, ask: Ask) -> list[Piece]:
-        """Number the runs of a request, and divide them into pieces of at most ``PIECE`` runs.
+        def take(results: list[Rows | str], piece: Piece) -> None:
+            nonlocal done
+            for run, found in zip(piece.runs, results, strict=True):
+                self.known[piece.purpose, piece.values, run] = found
+            done += len(piece.runs)
+            progress(done)
 
-        With ``independent`` numbers, the runs get the next unused numbers of the search, which count as used from now
-        on. With ``common`` numbers, a candidate that has n runs continues with run n. See ``_pieces_as_ran`` for
-        ``AS_RAN``.
+        do_all(self.pool, do_piece, pieces, take, self.search.objectives)
+        self._save(dict.fromkeys((p.purpose, p.values, run) for p in pieces for run in p.runs))
+        return [self._joined(one) for one in keys]
 
-        Raises:
-            InputError: the numbers would exceed ``RUN_LIMIT``.
-        """
-        candidate = self.archive[ask.key]
-        if self.numbers == AS_RAN:
-            return self._pieces_as_ran(ask)
-        first = self.next_run if self.numbers == "independent" else candidate.count
-        self.next_run += ask.runs  # not read with ``common`` numbers
-        if first + ask.runs > RUN_LIMIT:
-            raise InputError("needs more than 2^32 runs", field="budget")
-        return self.simulations.pieces(candidate.values, first, first + ask.runs)
+    def _pieces(self, missing: Sequence[tuple[str, str, int]]) -> list[Piece]:
+        """Divide missing runs of a request into nearly equal pieces, at least one for every second worker."""
+        if not missing:
+            return []
+        purpose, values, _ = missing[0]
+        code = self.code + plugins.texts_of(v for v in json.loads(values).values() if plugins.is_code(v))
+        count = max(math.ceil(len(missing) / MOST), min(self.pool.width // 2, len(missing) // 5), 1)
+        bounds = [len(missing) * k // count for k in range(count + 1)]
+        seed = derived_seed(self.search.seed, purpose)
+        return [
+            Piece(purpose, values, tuple(run for *_, run in missing[low:high]), seed, self.search.study.motion,
+                  self.cases, code)
+            for low, high in pairwise(bounds)
+        ]  # fmt: skip
 
-    def _pieces_as_ran(self, ask: Ask) -> list[Piece]:
-        """Return one piece per run, numbered as in the paper's program (``shared_run``).
+    def _joined(self, keys: Sequence[tuple[str, str, int]]) -> Figures:
+        good = [(run, rows) for *key, run in keys if not isinstance(rows := self.known[*key, run], str)]  # type: ignore[index]
+        bad = [why for key in keys if isinstance(why := self.known[key], str)]
+        rows = np.array([rows for _, rows in good]) if good else np.empty((0, 1, 1))
+        return Figures(
+            rows, np.array([run for run, _ in good], dtype=np.int64), len(bad), bad[0] if bad else ""
+        )
 
-        Each run counts as crashed with the probability ``crash_share``.
-        """
-        candidate = self.archive[ask.key]
-        # The purpose names the candidate and its runs so far. So each request draws other crashes, and a resumed search
-        # draws the same crashes again.
-        chances = generator(self.search_seed, f"optimizer: crashes {ask.key} {candidate.count}")
-        pieces: list[Piece] = []
-        for e, is_crashed in enumerate((chances.random(ask.runs) < self.crash_share).tolist()):
-            run = shared_run(candidate.count + e, candidate.iteration)
-            pieces += self.simulations.pieces(candidate.values, run, run + 1, crashed=is_crashed)
-        return pieces
+    def _save(self, keys: Mapping[tuple[str, str, int], None]) -> None:
+        if self.folder is None or not keys:
+            return
+        width = len(self.cases) * sum(objective.width for objective in self.search.objectives)
+        found = [self.known[key] for key in keys]
+        figures = [np.full(width, np.nan) if isinstance(one, str) else one.ravel() for one in found]
+        new = pl.DataFrame(
+            {
+                "purpose": [purpose for purpose, *_ in keys],
+                "values": [values for _, values, _ in keys],
+                "run": pl.Series([run for *_, run in keys], dtype=pl.UInt32),
+                "failed": pl.Series(
+                    [one if isinstance(one, str) else None for one in found], dtype=pl.String
+                ),
+                "figures": pl.Series(np.array(figures), dtype=pl.Array(pl.Float64, width)),
+            }
+        )
+        self.saved = pl.concat([self.saved, new]) if self.saved.height else new
+        make_folder(self.folder)
+        write_file(self.folder / ARCHIVE, parquet_bytes(self.saved, self.about))
 
-
-Result = tuple[int, Rows | str, int]
-"""Some runs of a candidate: its key, figures, (runs, cases, columns), or why they failed, and their number."""
-
-
-def do_asks(
-    asks: Sequence[tuple[Ask, Sequence[Piece]]],
-    objectives: tuple[Objective, ...],
-    pool: Pool,
-    progress: Callable[[int], None] = lambda done: None,
-) -> list[Result]:
-    """Run the pieces of requests, and return the result of each; see ``do_pieces``."""
-    pieces = [piece for _, of_ask in asks for piece in of_ask]
-    keys = [ask.key for ask, of_ask in asks for _ in of_ask]
-    done = do_pieces(pieces, objectives, pool, progress)
-    return [(key, found, piece.runs) for key, found, piece in zip(keys, done, pieces, strict=True)]
-
-
-def do_pieces(
-    pieces: Sequence[Piece],
-    objectives: tuple[Objective, ...],
-    pool: Pool,
-    progress: Callable[[int], None] = lambda done: None,
-) -> list[Rows | str]:
-    """Run all pieces and return for each, in order, its figures or the reason why it failed; see ``do_piece``.
-
-    With p pieces and w workers, the last p mod w pieces would occupy only some workers while the search waits for them.
-    Each of these pieces is therefore divided into parts for all workers.
-
-    Args:
-        pieces: the work. objectives: compute the figures. pool: the workers.
-        progress: called with the number of finished runs.
-    Raises:
-        InputError: a cost gives no finite number, or is not defined on the outcomes. RunError: the workers are gone.
-    """
-    undivided = len(pieces) - len(pieces) % pool.width
-    divided = [piece.parts(1 if k < undivided else pool.width) for k, piece in enumerate(pieces)]
-    parts = [part for of_piece in divided for part in of_piece]
-    results = dict[int, Rows | str]()
-    done = 0
-
-    def take(found: Rows | str, part: Piece) -> None:
-        nonlocal done
-        results[id(part)], done = found, done + part.runs
-        progress(done)
-
-    do_all(pool, do_piece, parts, take, objectives)
-    each = (results[id(part)] for part in parts)
-    return [_joined([next(each) for _ in of_piece]) for of_piece in divided]
-
-
-def _joined(results: Sequence[Rows | str]) -> Rows | str:
-    """Join the figures of a piece's parts along the runs; if any part failed, return the first reason instead."""
-    rows = [result for result in results if not isinstance(result, str)]
-    if len(rows) == len(results):
-        return np.concatenate(rows)
-    return next(result for result in results if isinstance(result, str))
-
-
-@dataclass(frozen=True)
-class RunFigures:
-    """Figures of many runs with one set of values."""
-
-    rows: Rows
-    """(runs, cases, columns)."""
-    runs: NDArray[np.int64]
-    """Numbers of the runs that succeeded, in the order of ``rows``."""
-    failed: int
-    """Number of runs in failed pieces."""
-    why: str = ""
-    """Why the first of the failed pieces failed."""
-
-
-def figures_of(
-    cases: Sequence[Scenario],
-    values: Mapping[str, Any],
-    objectives: tuple[Objective, ...],
-    runs: int,
-    seed: int,
-    workers: Pool,
-    *,
-    motion: str = "event",
-    progress: Callable[[int], None] = lambda done: None,
-) -> RunFigures:
-    """Simulate runs 0 to ``runs`` - 1 with one set of values; the runs of pieces that fail are left out.
-
-    Two sets of values with the same settings of motion, simulated with the same seed, have the same motion in each run,
-    so that their figures can be compared run by run.
-
-    Args:
-        cases: scenarios in which each run is simulated. values: fields to set in all of them, by name.
-        objectives: compute the figures. runs: number of runs, at least 1. seed: of the runs. workers: that simulate
-            them.
-        motion: the motion source. progress: called with the number of finished runs.
-    Raises:
-        InputError: a cost gives no finite number, or is not defined on the outcomes. RunError: all runs failed, or the
-            workers are gone.
-    """
-    # Larger pieces than in a search, since there are many runs: fewer pieces to submit.
-    pieces = Simulations(cases, seed, motion).pieces(values, 0, runs, 5 * PIECE)
-    results = do_pieces(pieces, objectives, workers, progress)
-    good = [(piece, rows) for piece, rows in zip(pieces, results, strict=True) if not isinstance(rows, str)]
-    bad = [(piece, rows) for piece, rows in zip(pieces, results, strict=True) if isinstance(rows, str)]
-    if not good:
-        raise RunError(f"{every(runs, 'run')} failed: {bad[0][1]}")
-    return RunFigures(
-        rows=np.concatenate([rows for _, rows in good]),
-        runs=np.concatenate([np.array(piece.numbers) for piece, _ in good]),
-        failed=sum(piece.runs for piece, _ in bad),
-        why=bad[0][1] if bad else "",
-    )
+    def _read(self, path: Path) -> None:
+        if not path.is_file():
+            return
+        with suppress(pl.exceptions.PolarsError):  # damaged: as if it were not there
+            data = path.read_bytes()
+            about, saved = pl.read_parquet_metadata(io.BytesIO(data)), pl.read_parquet(io.BytesIO(data))
+            if about["search"] != self.search.hash:
+                raise InputError("holds another search", field=str(path.parent))
+            if about["code"] != self.about["code"]:
+                return
+            self.saved, self.about["iterations"] = saved, about["iterations"]
+            figures = saved["figures"].to_numpy().reshape(saved.height, len(self.cases), -1)
+            rows = saved.select("purpose", "values", "run", "failed").iter_rows()
+            for (*key, failed), of_run in zip(rows, figures, strict=True):
+                self.known[tuple(key)] = failed or of_run  # type: ignore[index]

@@ -1,7 +1,8 @@
-"""Run a search: its stages request runs, workers simulate them, and the results go to the archive and the folder.
+"""Run a search: its method requests runs, workers simulate them, and the archive gets the results.
 
-A step is one set of requests with its results. After the method, the best candidates (finalists) compete in a race on
-further runs (see ``race``); with several objectives there is no race, and the result is a Pareto front.
+After the method, its best candidates (finalists) share the final runs in three rounds; after each the better half goes
+on. These runs played no part in choosing the finalists. With several objectives there are none: the result is a Pareto
+front.
 """
 
 from __future__ import annotations
@@ -9,69 +10,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Never
+from typing import Final
 
 import numpy as np
-import polars as pl
 
 from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import CodeError, RunError, check_kind, shown
+from vibroswarm.errors import RunError
 from vibroswarm.search.archive import Archive
-from vibroswarm.search.evaluate import AS_RAN, Evaluator, Piece, do_asks
-from vibroswarm.search.methods import Ask, Iteration, SearchProgress, Stage, method
-from vibroswarm.search.race import Race
-from vibroswarm.search.response_surface import optima
+from vibroswarm.search.evaluate import Evaluator, Request
+from vibroswarm.search.methods import Ask, Iteration, SearchProgress, Stage, iteration_of, method
+from vibroswarm.search.pso import Pso, shared_run
 from vibroswarm.search.space import Values
 from vibroswarm.search.spec import Search
-from vibroswarm.search.steps import REQUEST, STEPS, RecordedRun, SearchFolder, results_in, step_table
-from vibroswarm.study.run import Pool, pool_for
+from vibroswarm.statistics.intervals import generator
+from vibroswarm.study.run import pool_for
 
-
-def stage_of(search: Search, archive: Archive) -> Stage:
-    """Begin the method that a search names; it will add its candidates to ``archive``.
-
-    Raises:
-        InputError: the method's file is not loaded, needs a library that is not installed, or the method cannot search
-            over these fields.
-    """
-    chosen = method(search.settings.method)
-    with errors_in(chosen.code):
-        return chosen.begin(archive, search)
-
-
-def requests_of(stage: Stage, code: str) -> list[Ask]:
-    """Return the requests of a stage's next step.
-
-    Args:
-        code: of a method in a user's file; else empty.
-    Raises:
-        CodeError: the method failed, or does not request runs of candidates, at most once of each.
-    """
-    with errors_in(code):
-        asks = stage.ask()
-        keys, known = [ask.key for ask in asks], range(len(stage.archive))
-        for ask in asks:
-            are_whole = all(isinstance(value, int | np.integer) for value in ask)
-            if not are_whole or ask.key not in known or ask.runs < 1 or keys.count(ask.key) > 1:
-                raise CodeError(
-                    f"{stage.name} requests {ask.runs} runs of candidate {ask.key}; request 1 or more, at most once a "
-                    "step, of a candidate of the archive"
-                )
-    return asks
-
-
-def check_ready(search: Search) -> None:
-    """Check that a search can begin, with its code and the installed libraries; called before anything is written.
-
-    Raises:
-        InputError: as of ``stage_of``.
-    """
-    stage_of(search, Archive(search.space, search.objectives))  # made only for its checks
-
-
+ROUNDS: Final = 3
+"""Rounds of the finalists."""
+LEAST_RUNS: Final = 20
+"""Final runs for each finalist; with fewer the standard error of a mean + sd would exceed a third of it."""
 Progress = Callable[[SearchProgress], None]
 
 
@@ -80,7 +39,6 @@ class Found:
     """The result of a search, as the search itself estimates it; see ``validation`` for estimates on fresh runs."""
 
     search: Search
-    """The definition of the search."""
     archive: Archive
     """All candidates with their runs."""
     best: int
@@ -88,11 +46,9 @@ class Found:
     history: list[Iteration]
     """The iterations of the method."""
     race: list[Iteration]
-    """The iterations of the race, in which the best candidates (finalists) are compared on further runs; empty without
-    a race."""
+    """The rounds of the finalists; empty without final runs."""
     front: tuple[int, ...] = ()
-    """With several objectives, the keys of the candidates on the Pareto front; empty if no candidate has finite scores.
-    With one objective, it is always empty."""
+    """With several objectives, the keys of the candidates on the Pareto front."""
 
     @property
     def values(self) -> Values:
@@ -101,20 +57,19 @@ class Found:
 
     @property
     def believed(self) -> float:
-        """The winner's score as the search estimates it; with several objectives, the score under the first one.
+        """The winner's score as the search estimates it, under the first objective.
 
-        It is ``Archive.estimate``, from all runs of the winner. Only the paper's swarm (pso with the noise ``fixed`` or
-        ``as-ran``) without a race does not estimate again: there it is the score with which the winner became a
-        personal best. That score is too low on average, since the luckiest candidate wins.
+        Only the paper's swarm (``fixed`` or ``as-ran``) without final runs does not estimate again: there it is the
+        score with which the winner became a personal best.
         """
         if self.race or self.search.settings.method != "pso" or not self.search.pso.keeps_scores:
-            score, _ = self.archive.estimate(self.best)  # with its standard error
+            score, _ = self.archive.estimate(self.best)
             return score
         return self.history[-1].best
 
     @property
     def runs(self) -> int:
-        """Number of runs of the search, including the race and failed runs."""
+        """Number of runs of the search, including final and failed runs."""
         return self.archive.runs
 
 
@@ -124,242 +79,138 @@ def run_search(
     *,
     executor: str | Executor = "threads",
     workers: int | None = None,
-    mixed: bool = False,
     progress: Progress = lambda state: None,
 ) -> Found:
-    """Run a search, or continue the one in ``folder``; a call that was interrupted can be repeated to continue.
+    """Run a search, or continue the one in ``folder``, which may have had a smaller budget.
 
     Args:
-        search: its definition.
-        folder: where its steps are saved. By default they are not saved, and the search cannot be continued. A search
-            whose cost is a function cannot be saved.
-        executor, workers: see ``study.run.pool_for``.
-        mixed: whether to continue a search that other versions of vibroswarm or its libraries began. By default this is
-            refused, since no single version could repeat such a search.
-        progress: called as runs finish, with the state of the search.
+        folder: where runs are saved after each step; None: nowhere.
+        executor, workers: see ``study.run.pool_for``. progress: called as runs finish.
     Raises:
-        InputError: the folder is refused (see ``SearchFolder``) or in use, code is not loaded, a library is missing, or
-            a cost returns no number.
-        CodeError: a user's method failed.
-        RunError: every run of the first step failed, the workers are gone, the folder cannot be written, or it holds
-            other requests than the method makes; finished steps are saved.
+        InputError: the folder holds another search, code is not loaded, or a library is missing.
+        CodeError: a user's method failed. RunError: every run of the first step failed, or the workers are gone.
     """
-    check_kind(search, Search, "search", "a Search; make one with Search.read(file)")
-    check_ready(search)
-    place = None if folder is None else SearchFolder(folder, search, mixed=mixed)
-    with pool_for(executor, workers) as pool, nullcontext() if place is None else place.alone():
-        return _Loop(search, place, pool, progress).run()
+    with pool_for(executor, workers) as pool:
+        return _Loop(
+            search, Evaluator(search, pool, None if folder is None else Path(folder)), progress
+        ).run()
 
 
 class _Loop:
-    """A running search. A step that the folder has is replayed: the stage gets the recorded results."""
-
-    def __init__(
-        self, search: Search, folder: SearchFolder | None, pool: Pool | None, progress: Progress
-    ) -> None:
-        """Prepare the search: an archive without candidates."""
-        self.search, self.folder, self.pool, self.progress = search, folder, pool, progress
+    def __init__(self, search: Search, evaluator: Evaluator, progress: Progress) -> None:
+        self.search, self.evaluator, self.progress = search, evaluator, progress
         # Like the paper's program, an as-ran search drops failed runs from scores, and numbers runs in its own way.
-        as_ran = search.is_as_ran
-        self.archive = Archive(search.space, search.objectives, drops_failed=as_ran)
-        self.evaluator = Evaluator(
-            self.archive,
-            [cell.scenario for cell in search.cases],
-            search.seed,
-            motion=search.study.motion,
-            numbers=AS_RAN if as_ran else search.settings.numbers,
-            crash_share=search.pso.crash_share if as_ran else 0.0,
-        )
-        self.steps = 0
-        """Number of steps so far."""
+        self.archive = Archive(search.space, search.objectives, drops_failed=search.is_as_ran)
+        self.next_run = 0
         self.best = math.inf
         """The best score so far, for progress."""
 
     def run(self) -> Found:
-        """Run the method, then the race of the finalists if there is one, and return the result."""
-        search = self.search
-        first = stage_of(search, self.archive)
-        self._run_stage(first, "search", search.search_runs)
-        race: Stage | None = None
-        if search.final_runs and len(search.objectives) == 1:
-            race = Race(self.archive, self._finalists(first), search.final_runs)
-            self._run_stage(race, "race", search.search_runs + search.final_runs)
-        last = race or first
-        # With several objectives, the finalists are the candidates on the Pareto front. All are requested: the number
-        # is larger than that of the candidates.
-        ranked = [] if race else self._ranked(first, 10**9)
-        return Found(
-            search=search,
-            archive=self.archive,
-            best=last.best(),
-            history=first.history,
-            race=race.history if race else [],
-            front=tuple(ranked) if len(search.objectives) > 1 else (),
-        )
-
-    def _finalists(self, first: Stage) -> list[int]:
-        """Choose the candidates of the race, and return their keys.
-
-        They are, in this order of preference, the best candidate of the method, the minima of the response surfaces
-        (functions of the point that are fitted to the scores), the starts, and further good candidates of the method.
-        Surface minima and starts are added to the archive as new candidates, without runs.
-        """
-        # At most ``settings.finalists``, and fewer if the runs of the race are too few for 20 runs of each: with fewer
-        # runs, the standard error of a score (mean + sd) would be more than a third of the score.
-        count = min(self.search.settings.finalists, max(self.search.final_runs // 20, 1))
-        keys = range(len(self.archive))
-        points = optima(self.archive, keys, self.search.seed) if self.search.settings.surface else []
-        added = [*((p, "surface") for p in points), *((p, "start") for p in self.search.starts)]
-        added = added[: count - 1]  # one place is left for the method's best candidate
-        best = self._ranked(first, count - len(added))
-        return [*best, *(self.archive.new(point, origin) for point, origin in added)]
-
-    def _ranked(self, stage: Stage, count: int) -> list[int]:
-        """Return the keys of up to ``count`` candidates that a method names as its best, the best first, each once.
-
-        Raises:
-            CodeError: the method failed, or named what is no candidate.
-        """
-        chosen, known = method(self.search.settings.method), range(len(self.archive))
+        search, chosen = self.search, method(self.search.settings.method)
         with errors_in(chosen.code):
-            keys = list(dict.fromkeys(stage.finalists(count)))
-            if not all(key in known for key in (*keys, stage.best())):
-                raise CodeError(
-                    f"{chosen.name}: finalists are {shown(keys)}, and the best is {shown(stage.best())}; return keys "
-                    f"of candidates, from 0 to {len(known) - 1}"
-                )
-        return keys[:count]
-
-    def _run_stage(self, stage: Stage, name: str, wanted: int) -> None:
-        """Run a stage, step by step, until it makes no further requests.
-
-        Args:
-            stage: the search's method, or the race. name: "search" or "race", for the progress report.
-            wanted: number of runs from the beginning of the search to the end of this stage, for the progress report.
-        """
-        code = method(self.search.settings.method).code
-        while True:
-            asks = requests_of(stage, code)
-            if not asks:
-                return
-            self._run_step(asks, lambda done: self._report_progress(stage, name, wanted, done))
-            with errors_in(code):
+            stage = chosen.begin(self.archive, search)
+        if isinstance(
+            stage, Pso
+        ):  # of a search that is continued with a larger budget, that of the smaller one
+            stage.falls_over = int(self.evaluator.about["iterations"])
+        while asks := self._asks(stage, chosen.code):
+            self._step(asks, "evaluations", stage)
+            with errors_in(chosen.code):
                 stage.tell()
-            if stage.history:
-                self.best = stage.history[-1].best
-            self._report_progress(stage, name, wanted, done=0)  # the archive has all runs of the step now
+            self.best = stage.history[-1].best if stage.history else self.best
+        is_one = len(search.objectives) == 1
+        if is_one and search.final_runs:
+            final = _Final(self.archive, self._finalists(stage), search.final_runs)
+            while asks := final.ask():
+                self._step(asks, "final runs", final)
+                final.tell()
+            return Found(search, self.archive, final.best(), stage.history, final.history)
+        front = () if is_one else tuple(stage.finalists(len(self.archive)))
+        return Found(search, self.archive, stage.best(), stage.history, [], front)
 
-    def _run_step(self, asks: Sequence[Ask], progress: Callable[[int], None]) -> None:
-        """Do one step: add the results of the requests ``asks`` to the archive, from the folder if it has the step.
+    def _asks(self, stage: Stage, code: str) -> list[Ask]:
+        with errors_in(code):
+            return stage.ask()
+
+    def _finalists(self, stage: Stage) -> list[int]:
+        """Choose the finalists: the best candidates of the method, and the starts."""
+        count = min(self.search.settings.finalists, max(self.search.final_runs // LEAST_RUNS, 1))
+        starts = self.search.starts[: count - 1]
+        best = stage.finalists(count - len(starts))
+        return [*best, *(self.archive.new(point, "start") for point in starts)]
+
+    def _step(self, asks: Sequence[Ask], purpose: str, stage: Stage) -> None:
+        """Add the results of requests to the archive.
 
         Raises:
-            RunError: every run of the first step failed, or the recorded step has other requests.
+            RunError: every run of the first step failed.
         """
-        self.steps += 1
-        # Also of a recorded step: the numbers of its runs count as used from now on.
-        pieces = [(ask, self.evaluator.pieces(ask)) for ask in asks]
-        table = None if self.folder is None else self.folder.read(self.steps)
-        if table is None:
-            table = self._new_step(pieces, progress)
-        elif not self._is_of(asks, table):
-            raise RunError(
-                "the method requests other runs than this folder holds, which another version made, or the method does "
-                "not repeat (vibroswarm check); take a new folder"
-            )
-        self._collect(pieces, table)
-        for found in results_in(table, len(self.search.cases)):
-            self.archive.add_runs(*found)
+        before, is_first = self.archive.runs, not self.archive.runs
+        numbered = [self._numbers(ask, purpose) for ask in asks]
+        requests = [
+            Request(purpose, self.archive[ask.key].values, runs)
+            for ask, (runs, _) in zip(asks, numbered, strict=True)
+        ]
+        found = self.evaluator.figures(requests, lambda done: self._report(stage, before + done))
+        for ask, (_, crashed), figures in zip(asks, numbered, found, strict=True):
+            why = figures.why or ("taken to crash (pso.crash_share)" if crashed else "")
+            self.archive.add(ask.key, figures.rows, figures.failed + crashed, why)
+        if is_first and self.archive.failed == self.archive.runs:
+            raise RunError(f"all of the first {self.archive.runs} runs failed: {found[0].why}")
+        self._report(stage, self.archive.runs)
 
-    def _new_step(
-        self, asks: Sequence[tuple[Ask, Sequence[Piece]]], progress: Callable[[int], None]
-    ) -> pl.DataFrame:
-        """Simulate a step, and save and return its table.
+    def _numbers(self, ask: Ask, purpose: str) -> tuple[list[int], int]:
+        """Return the numbers of the runs of a request, and how many more count as crashed.
 
-        Args:
-            asks: the requests with their pieces. progress: called with the number of finished runs.
-        Raises:
-            RunError: every run of the first step failed. It is not saved, so that it can be tried again.
+        Evaluations get the next unused numbers of the search, or with ``numbers = "common"`` those that other
+        candidates have too, as final runs do.
         """
-        assert self.pool is not None  # only a replay has none
-        results = do_asks(asks, self.archive.objectives, self.pool, progress)
-        table = step_table(self.search, {ask.key: self.archive[ask.key].origin for ask, _ in asks}, results)
-        if self.steps == 1 and not table["failed"].null_count():
-            raise RunError(
-                f"all of the first {sum(ask.runs for ask, _ in asks)} runs failed: {table['failed'][0]}"
-            )
-        if self.folder is not None:
-            self.folder.add(self.steps, table)
-        return table
+        candidate = self.archive[ask.key]
+        if self.search.is_as_ran and purpose == "evaluations":
+            runs = [shared_run(candidate.count + e, candidate.iteration) for e in range(ask.runs)]
+            chances = generator(self.search.seed, f"optimizer: crashes {ask.key} {candidate.count}")
+            crashes = chances.random(ask.runs) < self.search.pso.crash_share
+            return [run for run, crash in zip(runs, crashes, strict=True) if not crash], int(crashes.sum())
+        is_common = purpose == "final runs" or self.search.settings.numbers == "common"
+        first = candidate.count if is_common else self.next_run
+        self.next_run += ask.runs
+        return list(range(first, first + ask.runs)), 0
 
-    def _collect(self, asks: Sequence[tuple[Ask, Sequence[Piece]]], table: pl.DataFrame) -> None:
-        """Note the runs of a finished step; only a replay does."""
-
-    def _is_of(self, asks: Sequence[Ask], table: pl.DataFrame) -> bool:
-        """Return whether a recorded step has exactly the runs of these requests, and their candidates these origins."""
-        cases = len(self.search.cases)
-        expected = [(ask.key, run, case) for ask in asks for run in range(ask.runs) for case in range(cases)]
-        origins = {(ask.key, self.archive[ask.key].origin) for ask in asks}
-        found = set(table.select("candidate", "origin").unique().rows())
-        return table.select(REQUEST).rows() == expected and found == origins
-
-    def _report_progress(self, stage: Stage, name: str, wanted: int, done: int) -> None:
-        """Report the state of the search to the caller.
-
-        Args:
-            stage, name, wanted: see ``_run_stage``.
-            done: number of finished runs of the current step, which are not in the archive yet.
-        """
-        self.progress(
-            SearchProgress(
-                method=stage.name,
-                iteration=len(stage.history),
-                iterations=stage.iterations,
-                runs=self.archive.runs + done,
-                wanted=wanted,
-                best=self.best,
-                failed=self.archive.failed,
-                stage=name,
-            )
-        )
+    def _report(self, stage: Stage, runs: int) -> None:
+        wanted = self.search.search_runs + self.search.final_runs
+        iteration, failed = len(stage.history), self.archive.failed
+        self.progress(SearchProgress(stage.name, iteration, runs, wanted, self.best, failed))
 
 
-class _EndOfSteps(Exception):  # noqa: N818  (nothing went wrong)
-    """The next step is not recorded."""
+class _Final:
+    """The finalists: each round has a third of the runs, which its candidates share; the better half goes on."""
 
+    name = "finalists"
 
-class _Replay(_Loop):
-    """A search of which only the recorded steps are replayed; it collects their runs, without those that failed."""
+    def __init__(self, archive: Archive, finalists: Sequence[int], runs: int) -> None:
+        self.archive, self.runs = archive, runs
+        self.keys = [archive.new(archive[key].point, f"finalist {key}") for key in finalists]
+        self.left = self.keys
+        self.history: list[Iteration] = []
 
-    def __init__(self, search: Search, folder: SearchFolder) -> None:
-        self.collected: list[RecordedRun] = []
-        super().__init__(search, folder, None, lambda state: None)
+    def ask(self) -> list[Ask]:
+        rounds = len(self.history)
+        if rounds == ROUNDS:
+            return []
+        total = self.runs * (rounds + 1) // ROUNDS - self.runs * rounds // ROUNDS
+        count = len(self.left)
+        shares = [total * (k + 1) // count - total * k // count for k in range(count)]
+        return [Ask(key, share) for key, share in zip(self.left, shares, strict=True) if share]
 
-    def _new_step(
-        self, asks: Sequence[tuple[Ask, Sequence[Piece]]], progress: Callable[[int], None]
-    ) -> Never:
-        raise _EndOfSteps
+    def tell(self) -> None:
+        ranked = self.finalists(len(self.left))
+        best = ranked[0], self.archive.estimate(ranked[0])[0]
+        points = np.array([self.archive[ranked[0]].point])
+        self.history.append(iteration_of(self.archive, len(self.history) + 1, self.left, best, points))
+        self.left = ranked[: math.ceil(len(ranked) / 2)]
 
-    def _collect(self, asks: Sequence[tuple[Ask, Sequence[Piece]]], table: pl.DataFrame) -> None:
-        for ask, pieces in asks:
-            runs = [replace(piece, first=n, last=n + 1) for piece in pieces for n in piece.numbers]
-            rows = table.filter(pl.col("candidate") == ask.key)
-            figures = rows.select(r"^figure_\d+$").to_numpy().reshape(len(runs), len(self.search.cases), -1)
-            good = rows.filter(pl.col("case") == 0)["failed"].is_null()
-            self.collected += [
-                RecordedRun(STEPS, f"candidate {ask.key}", piece, of_run)
-                for piece, of_run, is_good in zip(runs, figures, good, strict=True)
-                if is_good
-            ]
+    def best(self) -> int:
+        return self.left[0]
 
-
-def recorded_runs(search: Search, folder: Path) -> list[RecordedRun]:
-    """Return the runs that the steps in the folder of a search have recorded, up to the first step that is missing.
-
-    Raises:
-        InputError: the folder holds another search, or code is not loaded. RunError: it holds other requests than the
-            method makes.
-    """
-    replay = _Replay(search, SearchFolder(folder, search, mixed=True))
-    with suppress(_EndOfSteps):
-        replay.run()
-    return replay.collected
+    def finalists(self, count: int) -> list[int]:
+        return sorted(self.left, key=lambda key: (self.archive.estimate(key)[0], key))[:count]

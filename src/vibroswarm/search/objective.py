@@ -4,7 +4,6 @@
 |---|---|
 | mean+sd | mean + standard deviation with ddof 0: the paper's |
 | mean | mean |
-| quantile 0.9 | the ceil(0.9 n)-th smallest |
 
 | composite objective | score of the runs |
 |---|---|
@@ -19,8 +18,10 @@ Cases are the cells of the study, such as several floors. The score is that of t
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -28,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import InputError, check_choice, check_kind, keep_plain, nearest, number_of, shown
+from vibroswarm.errors import InputError, check_choice, keep_plain, nearest, number_of, shown
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.search import costs
 from vibroswarm.search.outcomes import Outcomes
@@ -39,8 +40,6 @@ from vibroswarm.statistics.intervals import (
     generator,
     jackknife_error,
     mean_interval,
-    quantile_interval,
-    quantile_rank,
     wilson,
     within,
 )
@@ -81,7 +80,7 @@ class Objective:
     name: str = "authors_code"
     """Name of the cost: one of ``NAMES``, or any other name if ``function`` is given."""
     statistic: str = "mean+sd"
-    """Statistic over the runs, for costs with one figure per run: ``mean+sd``, ``mean`` or ``quantile Q``."""
+    """Statistic over the runs, for costs with one figure per run: ``mean+sd`` or ``mean``."""
     over: str = "worst"
     """Whether the score is that of the ``worst`` case, or the ``mean`` over cases."""
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -101,9 +100,7 @@ class Objective:
         if self.function is None:
             check_choice(self.name, "objective.cost", NAMES)
         check_choice(self.over, "objective.over", OVER)
-        check_kind(self.statistic, str, "objective.statistic", "text such as mean+sd")
-        self._quantile()  # raises if the statistic is unknown
-        check_kind(self.parameters, Mapping, "objective.parameters", "a table of values by name")
+        check_choice(self.statistic, "objective.statistic", ("mean+sd", "mean"))
         known = PARAMETERS.get(self.name, ())
         for name, value in self.parameters.items():
             if name not in known:
@@ -127,15 +124,18 @@ class Objective:
         values = dict(block)
         named = {"name": values.pop("cost", "authors_code")}
         named |= {key: values.pop(key) for key in ("statistic", "over") if key in values}
-        for key, value in named.items():
-            if not isinstance(value, str):
-                key = "cost" if key == "name" else key  # the field ``name`` is the key ``cost`` of the file
-                raise InputError(f"{value!r} is not a text in quotes", field=f"objective.{key}")
         return cls(**named, parameters=values)
 
     def as_values(self) -> dict[str, Any]:
         """Return the table that ``of`` reads."""
         return {"cost": self.name, "statistic": self.statistic, "over": self.over, **self.parameters}
+
+    @property
+    def source(self) -> str:
+        """Source text of a user's cost, by which saved runs are known; empty if there is none."""
+        with suppress(OSError, TypeError):
+            return inspect.getsource(self.function) if self.function else ""
+        return ""
 
     @property
     def words(self) -> str:
@@ -209,7 +209,7 @@ class Objective:
         """Compute the score with its confidence interval.
 
         With one case and at least two runs, the interval of a mean is Student's, that of a mean of shares
-        ``bounded_mean``, that of a share of runs Wilson's, and that of a quantile uses order statistics. That of a
+        ``bounded_mean``, and that of a share of runs Wilson's. That of a
         mean + sd is a bootstrap-t. Every other interval is a bootstrap over runs. The limits of the worst of several
         cases are the highest of the cases. A score that cannot be negative has no finite limit below 0. Student's
         limits and those of a bootstrap are infinite where ``few_differ``, those of a mean + sd with fewer than
@@ -218,17 +218,13 @@ class Objective:
         Args:
             rows: figures of the runs, (runs, cases, columns). level: of confidence. seed: of the bootstrap.
         """
-        quantile = self._quantile()
         runs, cases = rows.shape[:2]
         if cases > 1 and self.over == "worst":
             return self._clipped(
                 worst_case(lambda k, at: self.interval(rows[:, k : k + 1], at, seed), cases, level)
             )
-        if cases == 1 and self.name not in AIMS and runs > 1:
-            if quantile is not None:
-                return quantile_interval(rows[:, 0, 0], quantile, level)._replace(estimate=self.score(rows))
-            if self.statistic == "mean":
-                return self._mean_interval(rows[:, 0, 0], level)
+        if cases == 1 and self.name not in AIMS and runs > 1 and self.statistic == "mean":
+            return self._mean_interval(rows[:, 0, 0], level)
         if self.statistic == "mean+sd" and self.name not in AIMS:
             found = self._bootstrap_t(rows, level, seed)
         else:
@@ -239,12 +235,7 @@ class Objective:
 
     def are_too_few(self, runs: int) -> bool:
         """Return whether the score of so many runs has no limits, whatever their costs are."""
-        quantile = self._quantile()
-        if self.name in AIMS or self.statistic == "mean":
-            return runs < 2
-        if quantile is None:
-            return runs < LEAST_SPREAD
-        return not all(map(math.isfinite, quantile_interval(range(runs), quantile)[1:3]))
+        return runs < (2 if self.name in AIMS or self.statistic == "mean" else LEAST_SPREAD)
 
     def _bootstrap_t(self, rows: Rows, level: float, seed: int) -> Interval:
         """Compute a mean + sd with the limits score - (quantiles of t*) times its standard error.
@@ -302,34 +293,13 @@ class Objective:
         """Estimate the score of ``rows``, (runs, cases, columns), and the standard error of the estimate.
 
         Only the statistic mean + sd, with one case or averaged over cases, is corrected for its small-sample bias. A
-        mean has no bias. The other scores are not smooth in the data (a quantile, the worst case, a penalty above a
-        limit), so that the correction would be unstable.
+        mean has no bias. The other scores are not smooth in the data (the worst case, a penalty above a limit), so that
+        the correction would be unstable.
         """
         averaged = rows.shape[1] == 1 or self.over == "mean"
         bias_free, error = corrected(self.score, rows)
         needs_correction = averaged and self.name not in AIMS and self.statistic == "mean+sd"
         return (bias_free if needs_correction else self.score(rows)), error
-
-    def _quantile(self) -> float | None:
-        """Return q if the statistic is "quantile q", 0 < q < 1; return None if it is "mean" or "mean+sd".
-
-        Raises:
-            InputError: the statistic is none of these.
-        """
-        kind, _, share = self.statistic.partition(" ")
-        if kind == "quantile":
-            try:
-                value = float(share)
-            except ValueError:
-                value = math.nan
-            if 0 < value < 1:
-                return value
-        elif self.statistic in ("mean", "mean+sd"):
-            return None
-        raise InputError(
-            f"'{self.statistic}' is unknown; give mean+sd, mean, or a quantile such as 'quantile 0.9'",
-            field="objective.statistic",
-        )
 
     def _of_case(self, rows: Array) -> float:
         """Compute the score of one case from its figures, (runs, columns)."""
@@ -340,10 +310,6 @@ class Objective:
         if self.name == "time_at_error":
             return self._time_at_error(rows)
         cost = rows[:, 0]
-        quantile = self._quantile()
-        if quantile is not None:
-            rank = quantile_rank(quantile, cost.size)
-            return float(np.partition(cost, rank)[rank])
         mean = float(cost.mean())
         return mean if self.statistic == "mean" else mean + float(cost.std())  # Eq. 22
 

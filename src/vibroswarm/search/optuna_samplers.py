@@ -1,108 +1,118 @@
-"""Put Optuna's samplers behind the protocol of ``methods``.
+"""Search with a sampler of Optuna, of the package or of one's own.
 
 | method | needs | what |
 |---|---|---|
+| random | optuna | uniform |
+| sobol | optuna | scrambled Sobol sequence |
 | tpe | optuna | tree of Parzen estimators, multivariate (Bergstra et al. 2011) |
 | gp | optuna, torch | Gaussian process with expected improvement |
 | nsga2 | optuna | non-dominated sorting genetic algorithm for several objectives (Deb et al. 2002) |
-| cmaes | optuna, cmaes | covariance matrix adaptation (Hansen 2016), bounded |
-
-Samplers are kept in memory only, and are rebuilt from the steps when a search is resumed.
+| cmaes | optuna, cmaes | covariance matrix adaptation (Hansen 2016), choices count as ordered |
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from abc import abstractmethod
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from vibroswarm.core.optional_library import needed
-from vibroswarm.errors import InputError
 from vibroswarm.search.archive import Archive
-from vibroswarm.search.methods import BATCH, Method, Sampler, chance, register
-from vibroswarm.search.space import Dimension, Point
+from vibroswarm.search.methods import Ask, Iteration, Method, Stage, chance, iteration_of, register
+from vibroswarm.search.space import Dimension
 
+if TYPE_CHECKING:
+    from vibroswarm.search.spec import Search
+
+BATCH: Final = 10
+"""Points in a batch: enough to keep workers busy, few enough to learn from each batch."""
 STARTUP_TRIALS: Final = 25
 """Random candidates before tpe and gp use their model."""
+Sampler = Callable[[Any, int], Any]
+"""(module ``optuna.samplers``, seed) -> sampler."""
 
 
-@contextmanager
-def quiet(optuna: Any) -> Iterator[None]:
-    """Suppress Optuna's log messages, and warnings such as those about experimental features."""
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
+def optuna_method(
+    name: str, sampler: Sampler, *, batch: int = BATCH, orders_choices: bool = False, several: bool = False
+) -> Method:
+    """Return a method that proposes points by a sampler of Optuna.
 
-
-class OptunaSampler(Sampler):
-    """A search with one of Optuna's samplers.
-
-    Optuna does not get the values of the fields: for a range it gets the coordinate in the unit cube, for a list the
-    index of the choice.
+    Args:
+        sampler: returns one, given the module ``optuna.samplers`` and a seed. batch: points that are proposed at once.
+        orders_choices: whether the sampler knows ranges only. several: whether it takes several objectives.
     """
 
-    orders_choices = False
-    """Whether the sampler gets the coordinate of a choice too, since it knows ranges only."""
+    def begin(archive: Archive, search: Search) -> Stage:
+        return OptunaStage(name, archive, search, sampler, batch, orders_choices)
+
+    return Method(name, begin, several)
+
+
+class OptunaStage:
+    """A search with a sampler, which sees the coordinate of a range and the index of a choice, not values."""
 
     def __init__(
-        self, archive: Archive, seed: int, budget: int, evaluations: int, starts: Sequence[Point] = ()
+        self, name: str, archive: Archive, search: Search, sampler: Sampler, batch: int, orders_choices: bool
     ) -> None:
-        """Create the sampler; the arguments are those of ``Sampler``.
-
-        Raises:
-            InputError: a library is not installed, or the method cannot search over these fields.
-        """
-        super().__init__(archive, seed, budget, evaluations, batch=self.population(archive.space.size))
+        self.name, self.archive, self.evaluations = name, archive, search.settings.evaluations
+        self.batch, self.orders_choices = batch, orders_choices
+        self.left = max(search.search_budget // self.evaluations, 1)
+        self.history: list[Iteration] = []
+        self.current: dict[int, Any] = {}
+        """Optuna's trials of the batch that was requested last, by key."""
         self.optuna = needed("optuna", "optimize", "search.method")
-        # Optuna gives the seed to NumPy's ``RandomState``, which takes at most 32 bits.
-        sampler_seed = int(chance(seed, self.name).integers(2**31))
-        with quiet(self.optuna):
-            sampler = self.sampler(self.optuna.samplers, sampler_seed, starts)
-            directions = ["minimize"] * len(archive.objectives)
-            self.study = self.optuna.create_study(directions=directions, sampler=sampler)
-            for start in starts:  # Optuna proposes them first
-                self.study.enqueue_trial(self.parameters(start))
-        self.trials: list[Any] = []
-        """Optuna's trials of the batch that was proposed last."""
+        self.optuna.logging.set_verbosity(self.optuna.logging.ERROR)
+        with warnings.catch_warnings(action="ignore"):  # about experimental features
+            made = sampler(self.optuna.samplers, int(chance(search.seed, name).integers(2**31)))
+            self.study = self.optuna.create_study(
+                directions=["minimize"] * len(archive.objectives), sampler=made
+            )
+            for start in search.starts:
+                self.study.enqueue_trial(
+                    {
+                        d.name: float(u) if self._is_range(d) else d.choice_at(float(u))
+                        for d, u in zip(archive.space, start, strict=True)
+                    }
+                )
 
-    def population(self, dimensions: int) -> int:
-        """Return the number of points in a batch."""
-        return BATCH
+    def ask(self) -> list[Ask]:
+        """Propose the next batch; the list is empty once the budget is spent."""
+        count, self.current = min(self.batch, self.left), {}
+        for _ in range(count):
+            with warnings.catch_warnings(action="ignore"):
+                trial = self.study.ask()
+                point = np.array([self._coordinate(trial, d) for d in self.archive.space])
+            self.current[self.archive.new(point, f"{self.name} {len(self.history) + 1}")] = trial
+        self.left -= count
+        return [Ask(key, self.evaluations) for key in self.current]
 
-    @abstractmethod
-    def sampler(self, samplers: Any, seed: int, starts: Sequence[Point]) -> Any:
-        """Return Optuna's sampler; ``samplers`` is the module ``optuna.samplers``."""
+    def tell(self) -> None:
+        """Pass the scores of the batch to the sampler; a candidate of which a run failed is a failed trial."""
+        for key, trial in self.current.items():
+            scores = self.archive.scores(key)
+            is_good = all(map(math.isfinite, scores))
+            state = None if is_good else self.optuna.trial.TrialState.FAIL
+            self.study.tell(trial, scores if is_good else None, state)
+        best = self.best()
+        points = np.array([self.archive[key].point for key in self.current])
+        believed, _ = self.archive.estimate(best)
+        number = len(self.history) + 1
+        self.history.append(iteration_of(self.archive, number, [*self.current], (best, believed), points))
 
-    def propose(self, count: int) -> Sequence[Point]:
-        """Return the next ``count`` points of the sampler."""
-        with quiet(self.optuna):
-            self.trials = [self.study.ask() for _ in range(count)]
-            return [np.array([self._coordinate(t, d) for d in self.archive.space]) for t in self.trials]
+    def best(self) -> int:
+        """Return the key of the candidate whose score has the lowest upper bound (``Archive.cautious``)."""
+        return self.archive.in_order(range(len(self.archive)))[0]
 
-    def learn(self, keys: Sequence[int]) -> None:
-        """Pass the scores of a batch to the sampler; a candidate of which a run failed is a failed trial."""
-        failed = self.optuna.trial.TrialState.FAIL
-        with quiet(self.optuna):
-            for trial, key in zip(self.trials, keys, strict=True):
-                scores = self.archive.scores(key)
-                is_good = all(map(math.isfinite, scores))
-                self.study.tell(trial, scores if is_good else None, None if is_good else failed)
-
-    def parameters(self, point: Point) -> dict[str, Any]:
-        """Convert a point to the sampler's parameters by field: the index of a choice, else the coordinate."""
-        return {
-            d.name: float(u) if self._is_range(d) else d.choice_at(float(u))
-            for d, u in zip(self.archive.space, point, strict=True)
-        }
+    def finalists(self, count: int) -> list[int]:
+        """Return the keys of the best candidates; with several objectives, of those on the Pareto front."""
+        keys: Sequence[int] = range(len(self.archive))
+        is_one = len(self.archive.objectives) == 1
+        return (self.archive.in_order(keys) if is_one else self.archive.front(keys))[:count]
 
     def _coordinate(self, trial: Any, dimension: Dimension) -> float:
-        """Return the coordinate in [0, 1] that a trial suggests for a field; for a choice the middle of its part."""
         if self._is_range(dimension):
             return float(trial.suggest_float(dimension.name, 0.0, 1.0))
         count = len(dimension.choices)
@@ -112,73 +122,31 @@ class OptunaSampler(Sampler):
         return self.orders_choices or not dimension.choices
 
 
-class Tpe(OptunaSampler):
-    """Tree of Parzen estimators."""
-
-    name = "tpe"
-
-    def sampler(self, samplers: Any, seed: int, starts: Sequence[Point]) -> Any:
-        """Return the sampler; ``constant_liar`` keeps the points of a batch apart, which have no scores yet."""
-        return samplers.TPESampler(
-            seed=seed, multivariate=True, constant_liar=True, n_startup_trials=STARTUP_TRIALS
-        )
+def _cmaes(samplers: Any, seed: int) -> Any:
+    needed("cmaes", "optimize", "search.method")
+    return samplers.CmaEsSampler(sigma0=0.3, n_startup_trials=0, seed=seed)
 
 
-class Gp(OptunaSampler):
-    """Gaussian process."""
-
-    name = "gp"
-
-    def sampler(self, samplers: Any, seed: int, starts: Sequence[Point]) -> Any:
-        """Return the sampler; scores are noisy, so that the model must not pass through them exactly."""
-        needed("torch", "gp", "search.method")
-        return samplers.GPSampler(seed=seed, deterministic_objective=False, n_startup_trials=STARTUP_TRIALS)
+def _gp(samplers: Any, seed: int) -> Any:
+    needed("torch", "gp", "search.method")
+    # Scores are noisy, so that the model must not pass through them exactly.
+    return samplers.GPSampler(seed=seed, deterministic_objective=False, n_startup_trials=STARTUP_TRIALS)
 
 
-class Nsga2(OptunaSampler):
-    """Genetic algorithm for several objectives."""
-
-    name = "nsga2"
-
-    def population(self, dimensions: int) -> int:
-        """Return the size of a generation."""
-        return 24
-
-    def sampler(self, samplers: Any, seed: int, starts: Sequence[Point]) -> Any:
-        """Return the sampler."""
-        return samplers.NSGAIISampler(seed=seed, population_size=self.batch)
+def _tpe(samplers: Any, seed: int) -> Any:
+    # ``constant_liar`` keeps the points of a batch apart, which have no scores yet.
+    return samplers.TPESampler(
+        seed=seed, multivariate=True, constant_liar=True, n_startup_trials=STARTUP_TRIALS
+    )
 
 
-class Cmaes(OptunaSampler):
-    """Covariance matrix adaptation in the unit cube, around its centre or the first start; choices count as ordered.
-
-    Optuna draws the first generation uniformly, since it does not know the space yet, and does not learn from it.
-    """
-
-    name, orders_choices = "cmaes", True
-
-    def population(self, dimensions: int) -> int:
-        """Return the size of a generation (Hansen 2016, Eq. 48)."""
-        return 4 + int(3 * math.log(dimensions))
-
-    def sampler(self, samplers: Any, seed: int, starts: Sequence[Point]) -> Any:
-        """Return the sampler, wide enough to reach most of the cube.
-
-        Raises:
-            InputError: cmaes is not installed, or the space has one field only.
-        """
-        needed("cmaes", "optimize", "search.method")
-        size = self.archive.space.size
-        if size < 2:
-            raise InputError("needs at least two fields", field="search.method")
-        # The mean is kept away from the bounds: at a bound, half of the points would lie outside.
-        mean = np.clip(starts[0], 0.05, 0.95) if starts else np.full(size, 0.5)
-        return samplers.CmaEsSampler(
-            self.parameters(mean), 0.3, n_startup_trials=0, seed=seed, popsize=self.batch
-        )
+def _nsga2(samplers: Any, seed: int) -> Any:
+    return samplers.NSGAIISampler(seed=seed, population_size=24)
 
 
-TPE = register(Method("tpe", Tpe.begin))
-GP = register(Method("gp", Gp.begin))
-NSGA2 = register(Method("nsga2", Nsga2.begin, several=True))
-CMAES = register(Method("cmaes", Cmaes.begin))
+RANDOM = register(optuna_method("random", lambda samplers, seed: samplers.RandomSampler(seed)))
+SOBOL = register(optuna_method("sobol", lambda samplers, seed: samplers.QMCSampler(scramble=True, seed=seed)))
+TPE = register(optuna_method("tpe", _tpe))
+GP = register(optuna_method("gp", _gp))
+NSGA2 = register(optuna_method("nsga2", _nsga2, batch=24, several=True))
+CMAES = register(optuna_method("cmaes", _cmaes, orders_choices=True))

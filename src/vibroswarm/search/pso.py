@@ -20,32 +20,28 @@ evaluations, and how personal bests are scored:
   inertia w = 1.0, all particles share the runs of an iteration (``shared_run``), and runs that crash are dropped.
 * ``rescore`` (default): the best of the particles and the personal bests together get them, as many candidates as with
   ``fixed``. Every score uses all evaluations of its candidate so far.
-* ``ocba``: extra evaluations are allocated where they best discriminate between candidates (see ``race``). Every score
-  uses all evaluations of its candidate so far.
 
-With ``rescore`` and ``ocba``, scores are corrected for small-sample bias, and candidates are compared by the score plus
+With ``rescore``, scores are corrected for small-sample bias, and candidates are compared by the score plus
 ``caution`` standard errors.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import numpy as np
+from pydantic import Field
 
-from vibroswarm.errors import InputError, check_choice, keep_plain, number_of, whole_number_of
+from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.search.archive import Archive
 from vibroswarm.search.methods import Ask, Iteration, Method, chance, iteration_of, register
-from vibroswarm.search.race import allocate_runs
 from vibroswarm.search.space import Point
 
 if TYPE_CHECKING:
     from vibroswarm.search.spec import Search
 
-NOISE: Final = ("rescore", "ocba", "fixed", "as-ran")
-"""Choices of the setting ``noise``; see the head of this module."""
 FIRST_REEVALUATION: Final = 2
 """Number from which ``shared_run`` counts the evaluations of a candidate. It follows from the 265 distinct run numbers
 of the paper's study: of ten numbers in a row only 2 to 11, times iterations 1 to 50, give 265 distinct products."""
@@ -65,60 +61,36 @@ def shared_run(evaluation: int, iteration: int) -> int:
     return (evaluation + FIRST_REEVALUATION) * (iteration + 1)
 
 
-@dataclass(frozen=True)
-class PsoSettings:
-    """The swarm's settings; defaults are the paper's except for ``noise``.
+Count = Annotated[int, Field(ge=1)]
+Number = Annotated[float, Field(ge=0, le=1000)]
 
-    Raises:
-        InputError: a setting is not a number or out of range, or ``noise`` is unknown.
-    """
 
-    particles: int = 25
-    """Number of particles."""
-    iterations: int = 50
-    """Number of iterations."""
-    evaluations: int = 10
+class PsoSettings(FrozenModel):
+    """The swarm's settings; defaults are the paper's except for ``noise``."""
+
+    particles: Count = 25
+    iterations: Count = 50
+    evaluations: Count = 10
     """Runs of each particle in each iteration."""
-    extra: int = 10
-    """Extra runs of each candidate that gets any; with ``ocba`` only their sum, ``extra_runs``, is used."""
-    extra_share: float = 0.2
+    extra: Annotated[int, Field(ge=0)] = 10
+    """Extra runs of each candidate that gets any."""
+    extra_share: Annotated[float, Field(ge=0, le=1)] = 0.2
     """Number of candidates that get extra runs, the best ones, as a share of the number of particles."""
-    inertia_first: float = 1.0
+    inertia_first: Number = 1.0
     """Inertia omega in the first iteration; it falls linearly."""
-    inertia_last: float = 0.4
-    """Inertia omega in the last iteration."""
-    weight_personal: float = 0.75
+    inertia_last: Number = 0.4
+    weight_personal: Number = 0.75
     """Weight omega_p of the attraction to the personal best."""
-    weight_global: float = 0.75
+    weight_global: Number = 0.75
     """Weight omega_g of the attraction to the global best."""
-    first_velocity: float = 0.1
+    first_velocity: Number = 0.1
     """Initial velocities in the unit cube are uniform between minus and plus this number (``as-ran``: 0)."""
-    noise: str = "rescore"
-    """``rescore``, ``ocba``, ``fixed`` (the paper) or ``as-ran`` (its program), see docs/optimizing.md."""
-    caution: float = 1.0
-    """With ``rescore`` and ``ocba``: candidates are compared by score plus this number of standard errors."""
-    crash_share: float = 0.0
+    noise: Literal["rescore", "fixed", "as-ran"] = "rescore"
+    """``rescore``, ``fixed`` (the paper) or ``as-ran`` (its program), see the head of this module."""
+    caution: Number = 1.0
+    """With ``rescore``: candidates are compared by score plus this number of standard errors."""
+    crash_share: Annotated[float, Field(ge=0, le=0.9)] = 0.0
     """With ``as-ran``: share of runs, chosen at random, that count as crashed; in the paper's study a tenth did."""
-
-    def __post_init__(self) -> None:
-        """Check all settings.
-
-        Raises:
-            InputError: naming the setting that is wrong.
-        """
-        keep_plain(self)
-        for name, low in (("particles", 1), ("iterations", 1), ("evaluations", 1), ("extra", 0)):
-            whole_number_of(getattr(self, name), f"pso.{name}", low, 10**9)
-        for name in (
-            "extra_share", "inertia_first", "inertia_last", "weight_personal", "weight_global",
-            "first_velocity", "caution",
-        ):  # fmt: skip
-            # a share is at most 1; the limit of the others is far above all useful values
-            number_of(getattr(self, name), f"pso.{name}", 0, 1 if name == "extra_share" else 1000)
-        check_choice(self.noise, "pso.noise", NOISE)
-        number_of(self.crash_share, "pso.crash_share", 0, 0.9)  # below 1, so that some runs are left to score
-        if self.crash_share and self.noise != "as-ran":
-            raise InputError('needs noise = "as-ran"; elsewhere no run is dropped', field="pso.crash_share")
 
     @property
     def keeps_scores(self) -> bool:
@@ -127,13 +99,13 @@ class PsoSettings:
 
     @property
     def best_of(self) -> int:
-        """Number of candidates with extra evaluations in one iteration; with ``ocba`` the number may differ."""
+        """Number of candidates with extra evaluations in one iteration."""
         rounding_error = 1e-9  # a product such as 0.2 x 25 may come out a little above 5
         return math.ceil(self.extra_share * self.particles - rounding_error)
 
     @property
     def runs_an_iteration(self) -> int:
-        """Runs in one iteration; fewer if ``ocba`` allocates no extra runs."""
+        """Runs in one iteration."""
         return self.particles * self.evaluations + self.extra_runs
 
     @property
@@ -152,18 +124,21 @@ class Pso:
     name = "pso"
 
     def __init__(
-        self, archive: Archive, seed: int, settings: PsoSettings, starts: list[Point] | None = None
+        self,
+        archive: Archive,
+        seed: int,
+        settings: PsoSettings,
+        starts: Sequence[Point] = (),
+        falls_over: int | None = None,
     ) -> None:
         """Place the particles: the first ones at the ``starts``, the others uniformly at random.
 
         Args:
-            archive: gets the candidates. seed: of the search. settings: of the swarm.
-            starts: points in the unit cube; None: there are none.
-        Raises:
-            InputError: there are more starts than particles.
+            falls_over: number of iterations over which the inertia falls; None: all.
         """
         self.archive, self.seed, self.settings = archive, seed, settings
         self.iterations, self.iteration = settings.iterations, 0
+        self.falls_over = falls_over or settings.iterations
         self.extras = False
         """Whether the first evaluations of this iteration are done, so that the extra ones are requested next."""
         self.history: list[Iteration] = []
@@ -172,7 +147,7 @@ class Pso:
         self.position = random.random(shape)
         span = 0.0 if settings.noise == "as-ran" else settings.first_velocity
         self.velocity = span * (2.0 * random.random(shape) - 1.0)
-        for k, start in enumerate(starts or []):
+        for k, start in enumerate(starts):
             self.position[k] = start
         self.current: list[int] = []
         """Keys of the candidates of this iteration, one per particle."""
@@ -202,8 +177,7 @@ class Pso:
         """
         if not self.extras and self.settings.extra_runs:
             self.extras = True
-            if self._extra_asks():  # with ``ocba`` there may be none
-                return
+            return
         self.extras = False
         self._update_bests()
         self.iteration += 1
@@ -237,19 +211,13 @@ class Pso:
         return list(dict.fromkeys(self.personal[k] for k in order))[:count]
 
     def _extra_asks(self) -> list[Ask]:
-        """Return the requests of the extra evaluations, according to ``noise``; see the module's description.
-
-        With ``ocba`` the list may be empty: no runs are allocated if no candidate has a finite estimate and error.
-        """
         settings, archive = self.settings, self.archive
         if settings.keeps_scores:  # "fixed" and "as-ran"
             order = sorted(self.current, key=lambda k: (archive.score(k), k))
             return [Ask(key, settings.extra) for key in order[: settings.best_of]]
         candidates = list(dict.fromkeys([*self.personal, *self.current]))  # each candidate once
-        if settings.noise == "rescore":
-            candidates.sort(key=lambda k: (archive.estimate(k)[0], k))
-            return [Ask(key, settings.extra) for key in candidates[: settings.best_of]]
-        return allocate_runs(archive, candidates, settings.extra_runs)
+        candidates.sort(key=lambda k: (archive.estimate(k)[0], k))
+        return [Ask(key, settings.extra) for key in candidates[: settings.best_of]]
 
     def _update_bests(self) -> None:
         """Replace the personal best of each particle whose current candidate has a lower score."""
@@ -278,7 +246,7 @@ class Pso:
         # The inertia falls linearly from iteration to iteration. The first move follows iteration 1: in the paper's
         # program this move has the full inertia, otherwise the inertia has fallen by one step by then.
         elapsed = self.iteration - 1 if settings.noise == "as-ran" else self.iteration
-        fraction = elapsed / (self.iterations - 1)  # not 0: a swarm with a single iteration never moves
+        fraction = min(elapsed / max(self.falls_over - 1, 1), 1.0)
         inertia = settings.inertia_first + fraction * (settings.inertia_last - settings.inertia_first)
         r_1, r_2 = chance(self.seed, f"pso {self.iteration + 1}").random(
             (2, *self.position.shape)

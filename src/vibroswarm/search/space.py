@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError, plain_value
-from vibroswarm.scenario.scenario import Scenario, field_types, value_of
+from vibroswarm.scenario.scenario import Scenario, value_of
 from vibroswarm.study.factors import bounds_of, fields_in, value_between
 
 Point = NDArray[np.float64]
@@ -50,10 +50,8 @@ class Dimension:
     """One field with its bounds and scale, or its choices."""
 
     name: str
-    low: float
-    """Lower bound; 0 for choices."""
-    high: float
-    """Upper bound; the number of choices for choices."""
+    low: float = 0.0
+    high: float = 1.0
     scale: str = "linear"
     """``linear`` or ``log``."""
     whole: bool = False
@@ -63,39 +61,20 @@ class Dimension:
 
     @classmethod
     def of(cls, name: str, given: Any) -> Dimension:
-        """Make the dimension of the field ``name`` from its entry in a search file.
-
-        ``given`` is a table with the keys from, to, and optionally scale and whole; or it is a list of values. Without
-        ``whole``, values are whole numbers if both bounds are integers and the field holds integers.
+        """Make the dimension of a field from its entry in a search file, a range or a list of values.
 
         Raises:
-            InputError: a bound is missing; a bound, the scale or ``whole`` is wrong; the bounds are reversed, or not
-                whole for whole numbers or a field that holds integers; a log scale starts at 0 or below; the table has
-                another key, such as ``steps``, which is for a grid; or a list has fewer than two values.
+            InputError: the range is wrong, or the list has fewer than two values.
         """
-        field, given = f"space.{name}", plain_value(given)
-        if isinstance(given, Sequence) and not isinstance(given, str):
-            if len(given) < 2:
-                raise InputError(
-                    "is a list of one value or none; give at least two to choose from", field=field
-                )
-            return cls(name, low=0.0, high=float(len(given)), choices=tuple(given))
-        if isinstance(given, Mapping) and "steps" in given:
-            raise InputError("'steps' is for a grid; leave it out", field=field)
-        low, high, scale, is_whole = bounds_of(given, name)
-        if field_types().get(name) is int and not is_whole:
-            raise InputError("holds whole numbers; give whole ends, such as 1 and 20", field=field)
-        if is_whole and not (float(low).is_integer() and float(high).is_integer()):
-            raise InputError(
-                f"{low:g} to {high:g} are not bounds of whole numbers; give whole ones", field=field
-            )
-        return cls(name, low=float(low), high=float(high), scale=scale, whole=is_whole)
+        given = plain_value(given)
+        if not isinstance(given, Sequence):
+            return cls(name, *bounds_of(given, name))
+        if len(given) < 2 or isinstance(given, str):
+            raise InputError(f"{given!r} leaves no choice", field=f"space.{name}")
+        return cls(name, choices=tuple(given))
 
     def value(self, u: float) -> Any:
-        """Return the value of the field at the coordinate ``u`` in [0, 1].
-
-        The value at ``share(v)`` is ``v`` again, up to rounding errors, for whole numbers and choices exactly.
-        """
+        """Return the value at the coordinate ``u`` in [0, 1]."""
         if self.choices:
             return self.choices[self.choice_at(u)]
         return value_between(self.low, self.high, self.scale, self.whole, u)
@@ -105,25 +84,18 @@ class Dimension:
         return min(int(u * len(self.choices)), len(self.choices) - 1)
 
     def share(self, value: Any) -> float:
-        """Return the coordinate of a value in [0, 1].
-
-        The choices of a list occupy equal parts of [0, 1]; the coordinate of a choice is the middle of its part.
+        """Return the coordinate of a value in [0, 1]; of a choice, the middle of its part.
 
         Raises:
-            InputError: the value is not a finite number, is out of bounds, or is not among the choices.
+            InputError: the value is out of bounds, or not among the choices.
         """
         if self.choices:
             chosen = _as_lists(value)
             if chosen not in self.choices:
                 raise InputError(f"{chosen!r} is not among {list(self.choices)}", field=self.name)
             return (self.choices.index(chosen) + 0.5) / len(self.choices)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise InputError(f"{value!r} is not a number", field=self.name)
-        if not self.low <= value <= self.high:
-            raise InputError(
-                f"{value:g} lies outside the bounds {self.low:g} to {self.high:g}; widen them or move it",
-                field=self.name,
-            )
+        if not isinstance(value, int | float) or not self.low <= value <= self.high:
+            raise InputError(f"{value!r} lies outside {self.low:g} to {self.high:g}", field=self.name)
         if self.scale == "log":
             return math.log(value / self.low) / math.log(self.high / self.low)
         return (value - self.low) / (self.high - self.low)
@@ -134,20 +106,17 @@ class Space:
     """The fields of a search. A point of the unit cube has one coordinate per field."""
 
     dimensions: tuple[Dimension, ...]
-    """The fields with their bounds or choices, in the order of the coordinates."""
 
     @classmethod
     def of(cls, block: Mapping[str, Any]) -> Space:
-        """Read a space from the table ``block``, which maps fields to ranges or lists of values.
+        """Read a space from a table that maps fields to ranges or lists of values.
 
         Raises:
             InputError: a field is unknown or has wrong bounds, or the table is empty.
         """
         fields = fields_in(block, "space")
-        if not fields:
-            raise InputError("is empty; name at least one field with bounds", field="space")
-        if "preset" in fields:
-            raise InputError("a preset cannot be searched over; name fields", field="space.preset")
+        if not fields or "preset" in fields:
+            raise InputError("name at least one field with bounds, and no preset", field="space")
         return cls(tuple(Dimension.of(name, bounds) for name, bounds in fields.items()))
 
     def __iter__(self) -> Iterator[Dimension]:
@@ -165,30 +134,23 @@ class Space:
 
     def to_block(self) -> dict[str, Any]:
         """Return the table from which ``of`` reads an equal space."""
-        block: dict[str, Any] = {}
-        for d in self.dimensions:
-            ends = {"from": d.low, "to": d.high, "scale": d.scale, "whole": d.whole}
-            block[d.name] = list(d.choices) if d.choices else ends
-        return block
+        return {
+            d.name: list(d.choices) or {"from": d.low, "to": d.high, "scale": d.scale, "whole": d.whole}
+            for d in self.dimensions
+        }
 
     def values(self, point: Point) -> Values:
         """Return the values of all fields at a point of the cube."""
         return {d.name: d.value(float(u)) for d, u in zip(self.dimensions, point, strict=True)}
 
     def point(self, values: Mapping[str, Any]) -> Point:
-        """Return the point of the unit cube at which the fields have the given values.
-
-        ``values`` must have a value for every field of the space, and no other fields.
+        """Return the point of the unit cube at which the fields have these values.
 
         Raises:
-            InputError: a field is missing, is not in the space, or has a value that ``Dimension.share`` refuses.
+            InputError: a field is missing or not in the space, or its value is out of bounds.
         """
-        for name in values:
-            if name not in self.names:
-                raise InputError("is not in the space that is searched", field=name)
-        for name in self.names:
-            if name not in values:
-                raise InputError("is missing; give a value for every field of the space", field=name)
+        if differing := sorted(values.keys() ^ set(self.names)):
+            raise InputError("give a value for every field of the space, and no other", field=differing[0])
         return np.array([d.share(values[d.name]) for d in self.dimensions])
 
     def values_of(self, scenario: Scenario) -> Values:
