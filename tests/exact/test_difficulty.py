@@ -17,7 +17,7 @@ from vibroswarm.floors.difficulty import (
     moran_index,
 )
 from vibroswarm.floors.source import pattern
-from vibroswarm.paper.difficulty_table import paper_table
+from vibroswarm.paper.items.difficulty import paper_table
 
 grids = hnp.arrays(
     np.uint8, hnp.array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=7), elements=st.integers(0, 1)

@@ -7,8 +7,7 @@ else the kind records. All kinds have one format number.
 |---|---|---|
 | result, recording | tables of runs | ``result``, ``recordings.recording`` |
 | study | runs (study, league, detection) | ``study.run`` |
-| item | tables of an item of the reproduction | ``paper.item`` |
-| results | what a command printed, its page and its tables | ``documents.saved`` |
+| results | what a command printed, its page and its tables | ``cli.out_folder`` |
 
 Tables that a longer work adds one by one (steps, fresh runs) have a description each, a manifest beside them:
 

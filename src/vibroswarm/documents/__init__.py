@@ -13,7 +13,6 @@ from vibroswarm.show.document import Document
 
 DOCUMENTS: Final = {
     "vibroswarm.calibrate.message_loss.LossFits": "calibration:message_loss_document",
-    "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
     "vibroswarm.recordings.replay.Replays": "recording:replay_document",
     "vibroswarm.recordings.spectrum.Spectra": "spectrum:spectrum_document",
     "vibroswarm.recordings.threshold.Recommendation": "recording:threshold_document",

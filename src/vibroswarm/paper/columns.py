@@ -9,7 +9,6 @@ three logs of the authors' simulator belong to them.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from functools import cache
 from importlib.resources import files
@@ -73,44 +72,29 @@ STRATEGIES: Final = ("none", "positive", "soft")
 RECORDED_ROBOTS: Final = 5
 """Robots in the recordings to which `calibrated` is fitted, and with them its share of lost messages."""
 
-_THRESHOLD: Final = "walk.avoidance_threshold_mm"
-"""Field of the distance at which robots turn away from obstacles."""
-
 
 def scenario_of(
-    column: str,
-    values: dict[str, Any] | None = None,
-    *,
-    parameter_set: str = OPTIMISED,
+    column: str, values: dict[str, Any] | None = None, *, parameter_set: str = OPTIMISED
 ) -> Scenario:
     """Return the scenario of a column.
-
-    In `calibrated`, swarms larger than the recorded one, up to ``MOST`` robots, get the network ``loss_by_size``, in
-    which the share of lost messages grows with the size of the swarm, unless ``values`` set the network. It is not
-    fitted to larger swarms, which keep the network of the preset.
 
     Args:
         column: one of ``COLUMNS``. values: fields to set, by dotted name; they override those of P0.
         parameter_set: ``OPTIMISED`` (P*, which the presets have) or ``EMPIRICAL`` (P0).
     """
-    base = preset(column)
-    changes: dict[str, Any] = {}
-    robots = (values or {}).get("swarm.robots", base.swarm.robots)
-    if column == "calibrated" and RECORDED_ROBOTS < robots <= MOST and "network.name" not in (values or {}):
-        changes["network.name"] = "loss_by_size"
-    if parameter_set == EMPIRICAL:
-        changes |= parameters("P0")
-        # In a fitted preset, robots may turn at another distance than the commanded one. Presets have P*, and the same
-        # factor between the two distances is used for P0. It is 1 in all of ``COLUMNS``.
-        commanded = parameters("P_star")[_THRESHOLD]
-        changes[_THRESHOLD] = float(changes[_THRESHOLD]) * base.walk.avoidance_threshold_mm / commanded
-    changes |= values or {}
-    return base.with_values(changes)
+    fields = parameters("P0") if parameter_set == EMPIRICAL else {}
+    return adapted(column, preset(column).with_values(fields | (values or {})))
 
 
-def fills() -> list[float]:
-    """Return the fill ratios of the paper's simulations."""
-    return [float(value) for value in published("simulation.fill_ratios")]
+def adapted(column: str, scenario: Scenario) -> Scenario:
+    """Return a scenario of `calibrated` with a loss of messages that grows with the swarm, unless it sets its own.
+
+    The preset's share is that of the recorded swarm. The law is not fitted to swarms larger than ``MOST``.
+    """
+    is_larger = RECORDED_ROBOTS < scenario.swarm.robots <= MOST
+    if column == "calibrated" and is_larger and scenario.network == preset(column).network:
+        return scenario.with_values({"network.name": "loss_by_size"})
+    return scenario
 
 
 def sizes() -> list[int]:
@@ -139,31 +123,12 @@ SIZE: Final = (5, 5)
 """Rows and columns of tiles in that file."""
 
 
-def missing(folder: Path | None) -> str | None:
-    """Return why the recordings in a folder cannot be read, as a sentence for the report; None if they can be read.
-
-    Args:
-        folder: folder of the recordings; None: the user named none.
-    """
+def missing_in(folder: Path | None) -> str:
+    """Return why the recordings in a folder cannot be read; empty if they can."""
     if folder is None:
-        return (
-            "It needs the study's recordings, which are not part of this software: name their folder with "
-            "`--recordings` "
-            "or in `VIBROSWARM_RUGBOT`."
-        )
+        return "needs the study's recordings: name their folder with --recordings or in VIBROSWARM_RUGBOT"
     gone = [name for name in (*REAL, *AUTHORS, FLOOR) if not (folder / name).is_file()]
-    return f"The folder of recordings lacks {', '.join(gone)}." if gone else None
-
-
-def hash_of(folder: Path) -> str:
-    """Return the SHA-256 of the contents of all files that are read in a folder: recordings, logs and floor.
-
-    All these files must exist, see ``missing``.
-    """
-    digest = hashlib.sha256()
-    for name in (*REAL, *AUTHORS, FLOOR):
-        digest.update((folder / name).read_bytes())
-    return digest.hexdigest()
+    return f"the folder of recordings lacks {', '.join(gone)}" if gone else ""
 
 
 def read_recordings(folder: Path, names: tuple[str, ...]) -> Recording:

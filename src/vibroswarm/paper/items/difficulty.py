@@ -6,9 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+import polars as pl
+
 from vibroswarm.floors.difficulty import entropy, moran_index
 from vibroswarm.floors.source import pattern
+from vibroswarm.paper.claims import constant
 from vibroswarm.paper.columns import published
+from vibroswarm.paper.item import Made, Work
 
 PATTERNS: Final = {
     "diagonal": "diagonal",
@@ -59,3 +63,15 @@ def paper_table() -> Iterator[Entry]:
             moran, ordered = (float(printed[f"{key}_{fill}"][paper_name]) for key in ("moran", "entropy"))
             yield Entry(name, "Moran index", moran, moran_index(used), moran_index(correct))
             yield Entry(name, "entropy", ordered, entropy(used, _PAPER_ONES), entropy(correct))
+
+
+def compute(work: Work, made: Made) -> None:
+    """Compare the printed table with the right one."""
+    rows = []
+    for entry in paper_table():
+        right = round(entry.right, 12)  # without rounding errors of logarithms
+        rows.append((entry.pattern, entry.measure, entry.printed, round(entry.as_the_paper, 12), right))
+        label = f"{entry.pattern}, {entry.measure}"
+        made.values.append(constant("difficulty-printed", "paper", label, entry.printed - right))
+    names = ["pattern", "measure", "printed", "as_the_paper_computed", "correct"]
+    made.tables["difficulty"] = pl.DataFrame(rows, schema=names, orient="row")
