@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 from numpy.typing import NDArray
+from scipy.special import expit
 from scipy.stats import binom
 
 from helpers.inspections import drawn_samples
@@ -90,11 +91,13 @@ def test_the_true_risk_after_clearing_is_at_most_the_stated_one(name: str, contr
 
 
 def test_a_risk_without_what_samples_share_must_fail() -> None:
-    shared = intact("calibrated", 900.0)
-    alike = shared.law.sensor.model_copy(update={"tile_spread": None, "robot_spread": None})
-    independent = replace(shared, law=replace(shared.law, sensor=alike))
-    sound, damaged = cleared(independent, shared, 0.5, 1000, 0.01)
-    assert damaged > binom.ppf(0.999, sound + damaged, 0.01)
+    """T itself as log odds, as if samples were independent."""
+    samples, random = intact("calibrated", 900.0), np.random.default_rng(3)
+    statistic, number = statistic_for(samples, Question(contrasts=(0.5,))), []
+    for patch in (None, squares_at(random, np.full(2000, 0.1), samples.size_m, 0.5)):
+        parts = drawn_parts(random, samples, 2000, patch)
+        number.append(sum(int((expit(statistic(part, True)) <= 0.01).sum()) for part in parts))
+    assert number[1] > binom.ppf(0.999, sum(number), 0.01)
 
 
 def test_larger_and_stronger_damage_is_cleared_less_often() -> None:
