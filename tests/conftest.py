@@ -23,7 +23,6 @@ from vibroswarm.run_page.payload import RunRecord
 
 pytest_plugins = [
     "helpers.numba_programs",
-    "helpers.few_draws",
     "helpers.recordings",
     "helpers.browser",
     "helpers.page_browser",
@@ -133,18 +132,10 @@ def without_layout(monkeypatch: pytest.MonkeyPatch) -> None:
 def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is drawn, and pages have blank pictures: for tests that look at no picture and no caption."""
     from vibroswarm.plots.picture import Picture
-    from vibroswarm.show import document
+    from vibroswarm.report.report import Figure as ReportFigure
 
     blank = Picture(Figure(figsize=(1, 1)), pl.DataFrame({"blank": [0]}), "Blank.")
-    monkeypatch.setattr(document.Figure, "drawn", property(lambda self: blank))
-
-
-@pytest.fixture
-def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A study's document has only its first figure: for tests of its words, tables and files."""
-    from helpers.study_pictures import keep_first_picture
-
-    keep_first_picture(monkeypatch)
+    monkeypatch.setattr(ReportFigure, "picture", property(lambda self: blank))
 
 
 @pytest.fixture

@@ -11,16 +11,13 @@ import pytest
 
 import vibroswarm.testing.motion as checks
 from helpers.motion_runs import begun, poses_at_ticks
-from vibroswarm.documents.run import result_document
 from vibroswarm.motion.fixed_step import FIXED_STEP, FixedStepRun
 from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.motion.physics.wheels_model import LENGTH_M, MARGIN_M, WIDTH_M
 from vibroswarm.motion.physics.wheels_run import MUJOCO, WheelsRun, overlap
 from vibroswarm.motion.pose import poses_of
-from vibroswarm.motion.source import Source, forget, moved, register
-from vibroswarm.result import Result
+from vibroswarm.motion.source import moved
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import replay, simulate
 from vibroswarm.testing.motion_cases import SHORT_CASE, Case, Check, motion_of, same
 
 BRIEF = Case("brief crowd", SHORT_CASE.values | {"run.t_end_s": 10.0}, (0,))
@@ -107,13 +104,13 @@ def test_a_warning_marks_the_run_failed(tmp_path: Path, monkeypatch: pytest.Monk
     few = BRIEF.scenario.with_values({"swarm.robots": 5})
     found = []
     for pieces in ((500,), (255, 450, 500)):
-        state, taken = begun(WheelsRun, few, 3, 4), Collected()
+        state, taken = begun(WheelsRun, few, 3, 4), Collected(20)
         state.advance(250, taken.sink)
         state.data.qvel[0] = 1e20
         for until in pieces:
             state.advance(until, taken.sink)
         taken.end(state)
-        found.append(taken.motion(20))
+        found.append(taken.motion())
     same(*found)
     in_pieces, at_once = found
     assert in_pieces.failures is not None
@@ -124,29 +121,3 @@ def test_a_warning_marks_the_run_failed(tmp_path: Path, monkeypatch: pytest.Monk
     assert at_once.samples.filter(pl.col("time_s") > 6.01).is_empty()
     assert at_once.ends["x_m"].is_finite().all()
     assert moved(MUJOCO, few, 3, [4]).failures is None
-
-
-def test_a_failed_run_is_shown_and_kept(tmp_path: Path) -> None:
-    """A result says which of its runs failed, and keeps it on disk."""
-    scenario = Scenario().with_values({"run.t_end_s": 20.0, "swarm.robots": 2})
-
-    class Failing(WheelsRun):
-        def begin(self, seed: int, run: int) -> None:
-            super().begin(seed, run)
-            if run == 1:
-                self.data.qvel[0] = 1e20
-
-    name = "failing for a test"
-    register(Source(name, Failing, is_ours=True))
-    try:
-        result = simulate(scenario, 1, 3, motion=name)
-    finally:
-        forget(name)
-    assert result.failures is not None
-    assert result.failures["run"].to_list() == [1]
-    assert "1 failed" in repr(result)
-    assert result.runs["consensus"].to_list() == ["incomplete"] * 3
-    result.write(tmp_path / "kept")
-    assert Result.read(tmp_path / "kept").failures.equals(result.failures)  # type: ignore[union-attr]
-    assert "RUN FAILED at 0.02 s: MuJoCo warned of" in result_document(result).answer[0]
-    assert replay(result, scenario.with_values({"strategy.name": "soft"})).failures.equals(result.failures)  # type: ignore[union-attr]

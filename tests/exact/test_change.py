@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,23 +11,16 @@ import numpy as np
 import polars as pl
 import pytest
 from numpy.typing import NDArray
-from scipy import ndimage, stats
-from vibroswarm.documents.run import run_document
+from scipy import stats
 
 from helpers.closed_loop import followed, reads_as_tables
-from helpers.recordings import write_log
 from vibroswarm import Scenario, preset, replay, simulate
-from vibroswarm.errors import InputError
 from vibroswarm.floors.changes import Changes, markov_changes
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import truth_on, truth_over_time
 from vibroswarm.observation.observe import kinds_at
-from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.read import read_log
-from vibroswarm.recordings.recording import Recording
-from vibroswarm.recordings.threshold import labelled
+from vibroswarm.report.report import report
 from vibroswarm.result import Result
-from vibroswarm.statistics.answers_over_time import answers_in
 
 NAN = math.nan
 INVERTED = {"change.at_s": 600, "change.to": "invert"}
@@ -212,16 +203,6 @@ def scenario(**values: Any) -> Scenario:
     return preset("paper").with_values({"floor.source": "random:0.4", **SHORT, **values})
 
 
-def test_a_change_after_the_end_changes_nothing() -> None:
-    still = scenario(**{"change.at_s": None, "change.to": None})
-    later = simulate(scenario(**{"change.at_s": 120.5}), 2, 3)
-    assert later.changes is not None
-    assert replace(later, scenario=still, changes=None) == simulate(still, 2, 3)
-    within = simulate(scenario(), 2, 3)
-    assert within.motion.equals(later.motion)
-    assert not within.observations.equals(later.observations)  # negative control
-
-
 def test_samples_read_the_floor_as_it_is() -> None:
     """With a sensor that does not err, bits are the kinds of the tiles at the time of the sample."""
     exact = {"sensor.model": "confusion", "sensor.confusion.kinds": 2, "sensor.confusion.accuracy": 1.0}
@@ -287,103 +268,7 @@ def test_runs_are_judged_by_the_floor_at_their_end() -> None:
     assert ended["truth"].to_list() == [0] * ended.height
 
 
-def test_patches_appear_in_the_arena_on_a_floor_that_is_larger() -> None:
-    larger = on(
-        *["0" * 20] * 20,
-        **{
-            "floor.tile_width_m": 0.1,
-            "floor.tile_height_m": 0.1,
-            "floor.left_m": -0.5,
-            "change.at_s": 10,
-            "change.to": "patch:0.3",
-        },
-    )
-    for run in range(20):
-        tiles = larger.floor_for(1, run).at(10.0).tiles
-        assert tiles[10:, 5:15].sum() == tiles.sum() > 0, "the arena's tiles are 10 x 10 of 20 x 20"
-
-
-def test_patches_appear_where_they_are_drawn_and_grow_by_tiles() -> None:
-    scenario = preset("paper").with_values(
-        {
-            "floor.rows": 50,
-            "floor.columns": 50,
-            "floor.source": "random:0",
-            "change.at_s": [10, 20, 30],
-            "change.to": ["patch:disc0.3", "grow", "patch:0.2"],
-        }
-    )
-    places = set()
-    for run in range(20):
-        floor = scenario.floor_for(3, run)
-        disc, larger, both = (floor.at(time_s).tiles for time_s in (10, 20, 30))
-        assert disc.sum() == pytest.approx(np.pi * 7.5**2, rel=0.06)  # in tiles of 2 cm
-        around = ndimage.binary_dilation(disc)  # the four neighbours
-        np.testing.assert_array_equal(larger, around)
-        new = both.astype(bool) & ~larger.astype(bool)
-        assert new.sum() <= 121
-        np.testing.assert_array_equal(both >= larger, True)
-        places.add(tuple(np.argwhere(disc)[0]))
-        assert scenario.floor_for(3, run) == floor
-    assert len(places) > 15  # another place in each run
-    assert scenario.floors_differ
-
-
 # What is refused, in words, before any run.
-
-
-@pytest.mark.parametrize(
-    ("values", "field", "words"),
-    [
-        ({"change.at_s": 10}, "change", "give either"),
-        ({"change.at_s": [10, 10], "change.to": "invert"}, "change", "ascending"),
-        (
-            {"change.at_s": 10, "change.to": "diagonal:0.46"},
-            "change.to",
-            "(10, 10) tiles, and the floor (5, 5)",
-        ),
-        ({"change.at_s": 10, "change.to": "patch:0.1@0.5"}, "change.to", "has a contrast"),
-        ({"change.at_s": 10, "change.to": "22222/" * 4 + "22222"}, "change", "3 kinds, and the sensor"),
-        ({**INVERTED, "change.rate_per_h": 1}, "change", "give either"),
-    ],
-)
-def test_what_does_not_fit_is_refused(values: dict[str, Any], field: str, words: str) -> None:
-    with pytest.raises(InputError) as caught:
-        preset("paper").with_values(values | {"floor.source": "random:0.48"})
-    assert caught.value.field == field
-    assert words in str(caught.value)
-
-
-def test_the_floor_of_a_recording_may_change(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The log of a simulated run, imported with its floor: tiles, truths and replays are those of the run."""
-    simulated = simulate(
-        scenario(**{"floor.source": "diagonal:0.46", "run.t_end_s": 300.0}), 4, 1, poses=True
-    )
-    write_log(simulated, tmp_path / "log.csv")
-    told = preset("paper").with_values({"floor.source": "diagonal:0.46", **INVERTED, "change.at_s": 60})
-    recorded = recording_of([read_log(tmp_path / "log.csv")], told.floor_for(0, 0), told)
-    assert recorded.floor_words.startswith("The floor fits")
-    assert recorded.floor(0) == simulated.floor(0)
-    assert recorded.runs["truth"].to_list() == simulated.runs["truth"].to_list() == [1]
-    recorded.write(tmp_path / "recording")
-    assert Recording.read(tmp_path / "recording") == recorded
-    sampled, read = recorded.observations["tile"].to_numpy(), recorded.observations["observation"].to_numpy()
-    kinds = kinds_at(recorded.floor(0), sampled, recorded.motion["time_s"].to_numpy())
-    at_first = recorded.floor(0).tiles.ravel()[sampled]
-    assert (kinds == read).mean() > 0.8
-    assert (at_first == read).mean() < 0.5  # negative control: five sixths of the run lie after the change
-    with pytest.raises(InputError, match="changes during the run"):
-        labelled(recorded)
-
-
-def test_a_run_in_which_no_robot_sampled_gave_no_answer() -> None:
-    values = {"change.at_s": 1.0, "change.to": "invert", "run.t_end_s": 2.0, "strategy.name": "forget"}
-    result = simulate(preset("paper").with_values(values), 1, 2)
-    assert result.inference.is_empty()
-    answers = answers_in(result)
-    assert answers["run"].to_list() == [0, 1]
-    assert answers["right_at_decision"].to_list() == [0.0, 0.0]  # a share of all robots
-    assert "INCOMPLETE" in result._repr_html_()
 
 
 def test_expected_readings_of_each_kind_are_means_over_time() -> None:
@@ -398,7 +283,6 @@ def test_expected_readings_of_each_kind_are_means_over_time() -> None:
         "strategy.name": "dirichlet",
         "task.name": "majority",
     }
-    document = run_document(simulate(preset("paper").with_values(values), 1, 1), 0)
-    (words,) = [text for part in document.parts if "Samples read" in (text := getattr(part, "words", ""))]
-    shares = [float(share.rstrip(" %")) for share in re.findall(r"\(([\d.]+ %)\)", words)]
+    table = report(simulate(preset("paper").with_values(values), 1, 1)).tables["readings"]
+    shares = [100 * share for share in table.frame["expected_share"]]
     assert shares == pytest.approx([(0.9 + 2 * 0.05) / 0.03, 5.0, (0.05 + 2 * 0.9) / 0.03], abs=0.006)

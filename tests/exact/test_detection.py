@@ -8,16 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.documents.detection import detection_document, hardest
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
-from vibroswarm.scenario.scenario import preset
+from vibroswarm.report.detection import hardest_pairs
 from vibroswarm.statistics.detection import detection_curve, needed, pairs
 from vibroswarm.statistics.fronts import pareto_front
 from vibroswarm.statistics.intervals import generator, wilson
-from vibroswarm.study.detection import Detection, fills_around
+from vibroswarm.study.detection import fills_around
 from vibroswarm.study.options import detection_scenario
-
-SHORT = preset("paper").with_values({"run.t_end_s": 300.0, "floor.source": "random:0.40"})
 
 
 def test_pareto_by_hand() -> None:
@@ -85,15 +82,6 @@ def test_needed_by_hand() -> None:
     assert needed([cell([1.0] * 80)], 100.0, 0.05)["needed_s"].to_list() == [1.0]
 
 
-def test_false_alarms_are_too_many_when_their_upper_limit_is_not_below_the_rate_wanted_of_them() -> None:
-    """That of 6 in 100 is above 0.12."""
-    robots, runs = cell([float(t) for t in range(1, 101)])
-    consensus = pl.lit("wrong").cast(RUNS["consensus"])
-    wrong = robots.with_columns(decision=pl.lit(1, pl.Int8)), runs.with_columns(consensus=consensus)
-    found = needed([wrong], 100.0, 0.5, false_alarms=0.12).row(0, named=True)
-    assert (found["needed_s"], found["clear_until_s"], found["false_alarm"]) == (None, 6.0, 1.0)
-
-
 def test_pairs_by_hand() -> None:
     """If false alarms become too many at the very time at which misses become few enough, no time is left."""
     rows = [
@@ -110,7 +98,7 @@ def test_pairs_by_hand() -> None:
     assert found.select("fill_ratio_below", "robots", "time_s", "fewest").rows() == [
         (0.2, 2, 50.0, True), (0.2, 3, 20.0, False), (0.3, 2, 50.0, True), (0.4, 2, None, False), (0.4, 3, 20.0, True),
     ]  # fmt: skip
-    assert hardest(found).select("fill_ratio_below", "robots", "time_s", "fewest").rows() == [
+    assert hardest_pairs(found).select("fill_ratio_below", "robots", "time_s", "fewest").rows() == [
         (0.3, 2, 50.0, True), (0.4, 3, 20.0, True),
     ]  # fmt: skip
 
@@ -140,45 +128,6 @@ def test_what_is_said_to_be_enough_is_enough() -> None:
         by_estimate += np.exp(-np.quantile(times, 1 - wanted) / 20.0) > wanted
     assert too_soon / 200 <= 0.05
     assert by_estimate / 200 > 0.3  # the negative control
-
-
-def test_the_document_of_a_detection_names_each_limit_and_draws_the_latest_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("vibroswarm.documents.detection.MOST_CURVES", 1)
-    times: list[float | None] = [float(t) for t in range(1, 101)]
-    answers_more = {"decision": pl.lit(1, pl.Int8)}, {"truth": pl.lit(1, pl.Int8), "fill_ratio": pl.lit(0.6)}
-    cells = [cell(times, robots) for robots in (1, 2)]
-    cells += [
-        tuple(frame.with_columns(**columns) for frame, columns in zip(one, answers_more, strict=True))
-        for one in cells
-    ]
-    sooner = cell([t / 2 for t in times], 1)  # type: ignore[operator]
-    cells.append((sooner[0], sooner[1].with_columns(truth=pl.lit(1, pl.Int8), fill_ratio=pl.lit(0.8))))
-    need, curve = needed(cells, 100.0, 0.12, false_alarms=0.2), detection_curve(cells, 100.0)
-    scenario = SHORT.with_values({"run.t_end_s": 100.0})
-    tables = {"detection": curve, "needed": need, "pairs": pairs(need)}
-    found = Detection(tables, scenario, 5, 0.12, 0.2)
-    assert wilson(0, found.runs_needed).high < 0.12 < wilson(0, found.runs_needed - 1).high
-    for most, tolerated in zip(found.most_wrong, (0.12, 0.2), strict=True):
-        assert wilson(most, 100).high < tolerated < wilson(most + 1, 100).high
-    document = detection_document(found)
-    assert document.answer[0] == (
-        "1 robot with strategy none finds 60 % vibrating within 95 s, with at most 12 % misses, and at most 20 % false "
-        "alarms on floors up to 40 %; 80 % within 48 s."
-    )
-    assert document.tables["needed"].frame["clear_until_s"].to_list() == [100.0, 100.0, None, None, None]
-    at_the_end = document.figures["detection-robots"].drawn.numbers
-    assert at_the_end["missed"].to_list() == [0.0] * 5
-    assert document.figures["detection-1-robots"].title == "1 robot (drawn: 1 of 2 swarms)"
-    tables["needed"] = need.with_columns(runs=pl.Series([100, 100, 101, 100, 100]))
-    assert Detection(tables, scenario, 5, 0.12, 0.2).runs == 100  # the fewest
-    tables["pairs"] = tables["pairs"].with_columns(time_s=pl.when(pl.col("fill_ratio") < 0.7).then("time_s"))
-    strict = detection_document(Detection(tables, scenario, 5, 0.05, 0.2)).answer
-    assert strict[0].endswith("; not 80 % by 100 s.")
-    assert strict[-1].startswith(
-        "Of 100 runs of each floor, at most 0 may be missed, and at most 12 be false"
-    )
 
 
 def test_fill_ratios_are_dense_just_above_a_boundary() -> None:

@@ -11,7 +11,6 @@ import pytest
 
 from helpers.plain_reference import equals_plain
 from vibroswarm import load_code, preset, simulate
-from vibroswarm.documents.run import result_document
 from vibroswarm.statistics.figures import run_figures
 from vibroswarm.strategies import base
 
@@ -62,14 +61,3 @@ def test_its_90_percent_intervals_hold_the_mean_in_about_90_percent() -> None:
     counted = judged(**{"strategy.name": "none", "decision.boundary_of": "tiles"})
     assert counted[0] > 2.0 * error
     assert counted[1] < 0.5
-
-
-def test_several_runs_are_told_by_the_error_of_their_estimates() -> None:
-    values = {"strategy.name": "averaging", "task.name": "mean", "run.t_end_s": 60.0}
-    result = simulate(preset("paper").with_values(values), seed=1, runs=3)
-    error = (result.robots["estimate"] - 0.48).abs().mean()
-    document = result_document(result)
-    assert document.answer == (
-        f"3 runs: mean error {error:.3g} of the estimates of the mean value of the tiles.",
-    )
-    assert document.tables["runs"].frame["estimate_error"].mean() == pytest.approx(error)

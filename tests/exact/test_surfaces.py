@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,13 +11,12 @@ import polars as pl
 import pytest
 from scipy.special import ndtr
 
-from vibroswarm import InputError, Result, Scenario, preset, simulate
+from vibroswarm import Scenario, preset, simulate
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.surfaces import Patch, mixed, named_patches
 from vibroswarm.observation.decision_boundary import expected_ones_on
 from vibroswarm.observation.energy_model import energies_of, energy_of, rates
 from vibroswarm.observation.observe import observe
-from vibroswarm.search.outcomes import outcomes_of
 
 PAPER = preset("paper").with_values({"run.t_end_s": 300.0, "decision.min_observations": 30})
 UNIT = (0.0, 0.0, 1.0, 1.0)
@@ -54,15 +52,6 @@ def test_fill_ratios_are_those_of_random_points(source: str, size: tuple[float, 
     for level in np.unique(np.round(levels, 6))[:5]:
         found = shares[np.isclose(levels, level)].sum()
         assert found == pytest.approx(np.isclose(contrast, level).mean(), abs=4 * 0.5 / math.sqrt(count))
-
-
-def test_a_floor_of_which_all_vibrates_has_a_fill_ratio_of_1_where_the_arena_cuts_it(tmp_path: Path) -> None:
-    """Rounded sums gave 1 + 2e-16, and the result could not be read back."""
-    place = {"tile_width_m": 0.17, "tile_height_m": 0.3, "left_m": -0.05, "bottom_m": -0.2}
-    floor = {f"floor.{name}": value for name, value in place.items()} | {"floor.tiles": ["11"] * 3}
-    result = simulate(preset("paper").with_values(floor | {"run.t_end_s": 10.0}), seed=1)
-    result.write(tmp_path / "run")
-    assert Result.read(tmp_path / "run").runs["fill_ratio"].to_list() == [1.0]
 
 
 def test_distances_are_those_to_the_nearest_point_of_the_edge() -> None:
@@ -181,24 +170,6 @@ def test_edges_of_patches_are_felt_as_those_of_tiles() -> None:
 # Runs
 
 
-def test_results_keep_floors_and_searches_read_the_same(tmp_path: Any) -> None:
-    scenario = on("patch:2*0.3@0.6")
-    result = simulate(scenario, 2, 6)
-    result.write(tmp_path / "kept")
-    again = Result.read(tmp_path / "kept")
-    assert again == result
-    assert all(again.floor(run) == scenario.floor_for(2, run) for run in range(6))
-    assert again.floor(0) != again.floor(1)
-    np.testing.assert_allclose(result.runs["fill_ratio"], [again.floor(run).fill_ratio for run in range(6)])
-    outcomes = outcomes_of([scenario], 2, range(6))[0]
-    assert outcomes.decision.ravel().tolist() == result.robots["decision"].to_list()
-    np.testing.assert_array_equal(
-        np.nan_to_num(outcomes.decision_time_s.ravel()),
-        result.robots["decision_time_s"].fill_null(0.0).to_numpy(),
-    )
-    assert Scenario.from_toml(scenario.to_toml()) == scenario
-
-
 def test_patches_are_drawn_for_each_run_do_not_overlap_and_stay_when_more_are_added() -> None:
     places = {run: named_patches("patch:5*0.1+disc0.3", UNIT, 1, run) for run in range(50)}
     assert len({patches[0].x_m for patches in places.values()}) == 50
@@ -221,90 +192,4 @@ def test_patches_are_drawn_for_each_run_do_not_overlap_and_stay_when_more_are_ad
 # Bad input
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"floor.source": "patch:1.5"}, "is not within the floor"),
-        ({"floor.source": "patch:0.05..1.5"}, "is not within the floor"),
-        ({"floor.source": "patch:0.0..0.2"}, "is not within the floor"),
-        ({"floor.source": "patch:0.1@0.5..1.5"}, "is not within the floor"),
-        ({"floor.source": "patch:0"}, None),
-        ({"floor.source": "patch:0.1@1.5"}, "is not within the floor"),
-        ({"floor.source": "patch:disc0.1x0.2"}, "is not a patch"),
-        ({"floor.source": "patch:square"}, "is not a patch; give one like"),
-        ({"floor.source": "patch:60*0.3"}, "do not fit side by side"),
-        ({"floor.values": [[0.5, 1.5]]}, "less than or equal to 1"),
-        ({"floor.values": [[0.5], [0.5, 1.0]]}, "rectangle"),
-        ({"floor.values": [[0.5]], "floor.tiles": ["1"]}, "either tiles or values"),
-        ({"floor.values": [[0.5]], "sensor.model": "confusion"}, "need a sensor of strengths"),
-        ({"floor.values": [[0.5]], "sensor.edge_blur_m": 0.01}, "sensor.edge_blur_m: has no meaning"),
-        ({"floor.source": "patch:0.1", "sensor.model": "acceleration"}, "need a sensor of strengths"),
-    ],
-)  # fmt: skip
-def test_what_is_no_such_floor_is_refused_before_any_run(values: dict[str, Any], words: str | None) -> None:
-    if words is None:
-        assert PAPER.with_values(values).floor_for(1, 0).patches == ()
-        return
-    with pytest.raises(InputError, match=words):
-        PAPER.with_values(values)
-
-
 # Files, and the mean
-
-
-def test_files_of_values_become_floors(tmp_path: Any) -> None:
-    from PIL import Image
-
-    from vibroswarm.floors.source import fields_of_file
-
-    (tmp_path / "mine.csv").write_text("# values\n0,0.25,1\n0.5,0.5,0.333\n", encoding="utf-8")
-    grey = np.repeat(np.array([[0, 51], [102, 255]], dtype=np.uint8), 3, axis=0).repeat(3, axis=1)
-    Image.fromarray(grey).save(tmp_path / "grey.png")
-    assert fields_of_file(f"values:{tmp_path / 'mine.csv'}")["values"] == (
-        (0.0, 0.25, 1.0),
-        (0.5, 0.5, 0.333),
-    )
-    assert fields_of_file(f"values:{tmp_path / 'grey.png'}", (2, 2))["values"] == ((0.0, 0.2), (0.4, 1.0))
-    toml = tmp_path / "scenario.toml"
-    toml.write_text('[floor]\nsource = "values:mine.csv"\n[task]\nname = "mean"\n', encoding="utf-8")
-    scenario = Scenario.read(toml)
-    assert scenario.floor.source == "mine.csv"
-    assert scenario.floor_for(1, 0).tiles.tolist() == [[0, 0, 1], [1, 1, 0]]
-    assert simulate(scenario.with_values({"run.t_end_s": 60.0}), 1, 1).runs["fill_ratio"][0] == pytest.approx(
-        (0 + 0.25 + 1 + 0.5 + 0.5 + 0.335) / 6  # 0.333 in steps of 1/200
-    )
-    (tmp_path / "bad.csv").write_text("0,0.5\n1\n", encoding="utf-8")
-    with pytest.raises(InputError, match="is not a rectangle of numbers"):
-        fields_of_file(f"values:{tmp_path / 'bad.csv'}")
-    (tmp_path / "high.csv").write_text("0,3.5\n", encoding="utf-8")
-    for ends, wanted in (("-1..4", (0.2, 0.9)), ("0..3.5", (0.0, 1.0))):
-        assert fields_of_file(f"values:{ends}:{tmp_path / 'high.csv'}")["values"] == (wanted,)
-    with pytest.raises(InputError, match="beyond 0 to 1"):
-        fields_of_file(f"values:{tmp_path / 'high.csv'}")
-
-
-def test_the_mean_is_asked_of_values_and_the_share_of_kinds() -> None:
-    values = {"floor.values": [[0.2, 0.7], [0.4, 1.0]]}
-    scenario = PAPER.with_values(values | {"task.name": "mean"})
-    result = simulate(scenario, 1, 4)
-    assert result.runs["fill_ratio"].to_list() == [
-        pytest.approx(np.mean(scenario.floor_for(1, run).levels)) for run in range(4)
-    ]
-    assert result.runs["truth"].null_count() == 4
-    words = {"share": "choose mean", "agree": "choose fill_ratio", "majority": "choose fill_ratio"}
-    for name, said in words.items():
-        with pytest.raises(InputError, match=said):
-            scenario.with_values({"task.name": name})
-    three = {"sensor.model": "confusion", "task.name": "mean", "strategy.name": "dirichlet"}
-    with pytest.raises(InputError, match="not of 3 kinds"):
-        PAPER.with_values({**three, "floor.source": "random:0.4,0.36,0.24"})
-
-
-def test_the_document_of_a_run_says_what_the_floor_is() -> None:
-    from vibroswarm.documents.run import run_document
-    from vibroswarm.show.document import Text
-
-    values = PAPER.with_values({"floor.values": [[0.2, 0.7]]})
-    for one, words in ((on("patch:2*0.2"), "2 patches on still tiles"), (values, "2 tiles with values")):
-        parts = run_document(simulate(one, 1, 1), 0).parts
-        assert any(isinstance(part, Text) and words in part.words for part in parts), words

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inspection.samples import SAMPLES, Law, Samples
+from vibroswarm.inspection.samples import SAMPLES, Law, Places, Samples
 from vibroswarm.scenario.fields import Sensor
 
 
@@ -37,7 +37,7 @@ def drawn_samples(seed: int, *, count: int, spread_m: float, tile_m: float = 0.2
             "log_ratio": np.where(vibrates, 1.0, -1.0) + np.sqrt(2.0) * random.normal(size=count),
         }
     ).cast(dict(SAMPLES))
-    return Samples(frame, (size_m, size_m), Law(Sensor(), "drawn"), "drawn", "drawn", floor, True)
+    return Samples(frame, (size_m, size_m), Law(Sensor(), "drawn"), Places.FILE, "drawn", floor, True)
 
 
 def enumerated(samples: Samples) -> NDArray[np.float64]:

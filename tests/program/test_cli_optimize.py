@@ -91,7 +91,7 @@ def test_a_search_is_made_kept_and_gone_on_with(
             assert unbroken_options(command) in page.decode()
             assert main([*command.split()[1:], *(["--runs", "4"] if "evaluate" in command else [])]) == 0
         assert (out / "report.html").read_bytes() == page
-    assert "seed is 3 there and 4 here" in refusal_of(capsys, "optimize", search, "--out", out, "--seed", "4")
+    assert "--force" in refusal_of(capsys, "optimize", search, "--out", out, "--seed", "4")
     # More fresh runs are advised where too few were made; the search is not repeated.
     about = json_of(capsys, "optimize", search, "--out", out, "--fresh", "130", "--json")
     assert about["tables"]["truth"][1]["runs"] == 130

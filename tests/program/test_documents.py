@@ -50,12 +50,9 @@ from helpers.documents import (
 )
 from vibroswarm import cli
 from vibroswarm.cli import commands
-from vibroswarm.documents import study
 from vibroswarm.errors import InputError
 
 KINDS = ("python", "console", "sh", "toml", "text", "math")
-PLOTTED = "robots_wrong"
-"""The picture that docs/studies.md plots."""
 
 
 def understood(command: list[str]) -> bool:
@@ -101,15 +98,9 @@ def name_of(document: Path) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("svg_alone", "few_draws")
+@pytest.mark.usefixtures("blank_pictures")
 @pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
-def test_the_code_runs(document, here, monkeypatch, request):
-    if document.name == "studies.md":  # of all pictures of its study it plots one by name
-        whole = study.outcome_figures
-        monkeypatch.setattr(
-            study, "outcome_figures", lambda outcome: [one for one in whole(outcome) if one.name == PLOTTED]
-        )
-    request.getfixturevalue("one_picture")  # test_installed.py and test_cli_reports.py draw all
+def test_the_code_runs(document, here, monkeypatch):
     main_module = ModuleType("__main__")  # what is typed in there can be found by its name
     monkeypatch.setitem(sys.modules, "__main__", main_module)
     names: dict[str, object] = vars(main_module)

@@ -47,7 +47,7 @@ def test_every_notebook_is_tested_and_is_without_outputs() -> None:
 
 def test_the_first_run_shows_verdict_picture_and_player() -> None:
     scenario, _, result, found, robots = run("first_run")
-    assert "CONSENSUS, RIGHT" in result._repr_html_()
+    assert "Right: all" in result._repr_html_()
     assert "<iframe" in result._repr_html_()
     assert found.consensus == "right"
     assert scenario._repr_html_().startswith("<div")

@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from vibroswarm import Result, Scenario, simulate, strategies, verdict
-from vibroswarm.documents.run import result_document
 from vibroswarm.strategies import Strategy
 from vibroswarm.study.store import key_of
 
@@ -94,20 +93,6 @@ def test_a_count_without_its_counterpart_and_a_belief_of_nan_are_no_posterior() 
     robot = verdict(run_of("one", "changed")).robots[0]
     assert robot.belief is None
     assert robot.estimate is None
-
-
-def test_an_estimate_of_its_own_comes_before_the_mean_of_a_posterior() -> None:
-    result = run_of("corrected", "share")
-    document = result_document(result)
-    assert "0.25" in document.answer[0]
-    assert " of 4 hold it" in document.answer[0]
-    assert document.tables["robots"].columns["posterior"].title == "estimate (95 %)"
-    assert "decision" not in document.tables["robots"].frame.columns
-    first, second, *_, last = verdict(result).robots
-    assert second.interval == pytest.approx((0.1275, 0.3725), abs=1e-4)
-    assert first.interval is not None
-    assert first.interval[1] - first.interval[0] == pytest.approx(0.245, abs=1e-4)
-    assert last.estimate is None
 
 
 def test_robots_without_any_count_have_no_estimate() -> None:

@@ -34,13 +34,10 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from types import NoneType
-from typing import Annotated, Any, Final, Literal, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
 
 from vibroswarm.cli.option_values import placeholder, reader
 from vibroswarm.errors import InputError, nearest
-
-MISSING: Final = inspect.Parameter.empty
-"""Default of a parameter that must be given."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,18 +105,21 @@ class Formatter(argparse.HelpFormatter):
         return text.rstrip() if "\n" in text else super()._fill_text(text, width, indent)
 
 
+def option_of(action: argparse.Action) -> Option:
+    """Return what the command line says of an argument of argparse."""
+    return vars(action).get("option") or Option(action.help or "")
+
+
 def is_described_elsewhere(action: argparse.Action, prog: str) -> bool:
     """Return whether the help of another command than ``prog`` describes an option."""
-    option: Option | None = getattr(action, "option", None)
-    return option is not None and bool(option.of) and not prog.endswith(f" {option.of}")
+    other = option_of(action).of
+    return bool(other) and not prog.endswith(f" {other}")
 
 
 def help_of(action: argparse.Action) -> str:
     """Return the help of an option or argument, with the names that it takes, and its default."""
-    option: Option | None = getattr(action, "option", None)
-    text, default = option.help if option else action.help or "", action.default
-    if option and option.names:
-        text = text.replace("{names}", ", ".join(option.names()))
+    option, default = option_of(action), action.default
+    text = option.help.replace("{names}", ", ".join(option.names() if option.names else ()))
     if "default" in text or default in (None, False, (), [], argparse.SUPPRESS):
         return text
     listed = ",".join(map(str, default)) if isinstance(default, tuple) else default
@@ -155,13 +155,14 @@ def parser_of(words: str, command: Callable[..., Any], also: Mapping[str, type])
     """Return the parser of a command.
 
     Args:
-        words: the program and the command, such as "vibroswarm league tune".
+        words: the program and the command, such as "vibroswarm lab import".
         also: further groups of options by title, which are not parameters of the command.
     """
     parser = Parser(words)
     fill(parser, command, also)
-    shown = [action for action in parser._actions if not action.option_strings or action.required]
-    parser.usage = " ".join([words, *map(usage_of, shown), "[options]"]).replace("%", "%%")
+    arguments = parser._get_positional_actions()
+    names = [f"[{one.metavar}]" if one.nargs == "?" else str(one.metavar) for one in arguments]
+    parser.usage = " ".join([words, *names, "[options]"])
     return parser
 
 
@@ -183,12 +184,6 @@ def _description_and_epilog(command: Callable[..., Any]) -> tuple[str, str]:
     return " ".join(" ".join(lines[:end]).split()), "\n".join(lines[end:])
 
 
-def usage_of(action: argparse.Action) -> str:
-    """Return an argument or option as usage shows it: ``[FILE]`` may be left out, ``FILE ...`` is one or more."""
-    word = " ".join([*action.option_strings[-1:], str(action.metavar)])
-    return {"?": f"[{word}]", "+": f"{word} [{word} ...]"}.get(str(action.nargs), word)
-
-
 def add_group(parser: argparse.ArgumentParser, title: str, kind: Any) -> argparse._ArgumentGroup:
     """Add the fields of a dataclass as a group of options."""
     group = parser.add_argument_group(title.replace("_", " "))
@@ -204,7 +199,7 @@ def add_group(parser: argparse.ArgumentParser, title: str, kind: Any) -> argpars
 def add_option(parser: argparse._ActionsContainer, parameter: Parameter) -> None:
     """Add one option or argument."""
     name, kind, option, default, place = parameter
-    is_required = default is MISSING
+    is_required = default is inspect.Parameter.empty
     settings: dict[str, Any] = {"default": None if is_required else default}
     if kind is bool:
         settings["action"] = "store_true"

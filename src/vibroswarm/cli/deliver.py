@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,36 +18,46 @@ def deliver(
     result: object,
     output: Paged,
     tables: Mapping[str, DataFrame] | None = None,
-    also: Callable[[Path], object] | None = None,
     page: str = "report.html",
+    *,
+    is_result: bool = False,
     **options: Any,
 ) -> None:
     """Print the report of a result; save it and tables in the folder of ``--out``, which is claimed already.
 
     Args:
-        tables: by name, besides those of the report; they become CSV and Parquet. also: writes further files.
-        page: name of a page that is there already, in the place of the report's. options: of ``report``.
+        tables: by name, besides those of the report; they become CSV and Parquet.
+        page: name of a page that is there already, in the place of the report's.
+        is_result: whether the folder holds a result or recording, which has its own tables. options: of ``report``.
     """
-    from vibroswarm.report.save import save, save_pictures, save_table
-
     report = old_documents.report_of(result, **options)
-    print_report(report, as_json=output.json)
+    try:
+        print_report(report, as_json=output.json)
+    finally:  # also if the reader, such as `head`, has enough
+        if output.out is not None:
+            _save(report, output.out, output, tables or {}, page, is_result)
     if output.out is None:
         terminal.report("Not saved; add --out DIR to save tables, the data behind them, and a page")
         return
-    for name, table in (tables or {}).items():
-        save_table(table, output.out / name)
-    if also is not None:
-        also(output.out)
-    if old_documents.is_old(report):
-        old_documents.save(report, output, page)
-    else:
-        save(report, output.out, page=page == "report.html" and not getattr(output, "no_pictures", False))
-        if getattr(output, "pictures", False):
-            save_pictures(report, output.out)
     terminal.report(f"Saved in {output.out}; page: {page}")
     if output.open:
         open_page(output.out / page)
+
+
+def _save(
+    report: Any, folder: Path, output: Paged, tables: Mapping[str, DataFrame], page: str, is_result: bool
+) -> None:
+    from vibroswarm.report.save import save, save_pictures, save_table
+
+    for name, table in tables.items():
+        save_table(table, folder / name)
+    if old_documents.is_old(report):
+        old_documents.save(report, output, page)
+        return
+    draws = page == "report.html" and not getattr(output, "no_pictures", False)
+    save(report, folder, page=draws, tables=not is_result)
+    if getattr(output, "pictures", False):
+        save_pictures(report, folder)
 
 
 def open_page(page: Path) -> None:

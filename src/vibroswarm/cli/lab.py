@@ -75,7 +75,7 @@ def import_logs(
         recording = recording_of(read, floor, made, stated, robots=robots, any_floor=any_floor)
     recording.write_into(output.out)
     pages = write_pages(recording, output.out)
-    deliver(of_import(recording, computed), output, page=pages[0])
+    deliver(of_import(recording, computed), output, page=pages[0], is_result=True)
 
 
 def _logs_of(

@@ -138,7 +138,7 @@ def track(
         recording.write_into(output.out)
         (output.out / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
     write_tables(output.out, tracking)
-    deliver(tracking, output, tracked=tracked)
+    deliver(tracking, output, is_result=True, tracked=tracked)
 
 
 def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> pl.DataFrame | None:

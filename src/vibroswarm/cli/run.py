@@ -35,4 +35,4 @@ def run(*, scenario: Simulated, output: Drawn) -> None:
         result.write_into(out)
         if has_page:
             write_run_page(result, out / "run.html")
-    deliver(result, output, page="run.html" if has_page else "report.html")
+    deliver(result, output, page="run.html" if has_page else "report.html", is_result=True)

@@ -12,7 +12,6 @@ from typing import Final
 from vibroswarm.show.document import Document
 
 DOCUMENTS: Final = {
-    "vibroswarm.inspection.inspection.Inspection": "inspection:inspection_document",
     "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
     "vibroswarm.search.sensitivity.Sensitivity": "search:sensitivity_document",
 }

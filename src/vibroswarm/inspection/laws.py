@@ -7,6 +7,7 @@ measure that this reference has not seen (``Law.draws``):
 |---|---|---|
 | measured energies | the energies of each kind, with replacement | those that were left out |
 | sessions | robots in sessions, and the mean factor of the tiles and robots (``fit_sensor``) | the law itself |
+| bits of sessions | the shares of ones (Beta, by Jeffreys' prior) | the law itself |
 
 The tiles and robots of a reference are a sample of all: with spreads s_t and s_r, the mean of their log factors has a
 standard deviation of sqrt(s_t^2 / tiles + s_r^2 / robots), which multiplies all values of the law alike.
@@ -23,6 +24,7 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
@@ -30,22 +32,13 @@ from vibroswarm.calibrate.few_groups import limits_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.core.atomic_io import write_file
-from vibroswarm.core.numbers import count, p_value, percent, stated
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, in_file
-from vibroswarm.inspection.samples import (
-    FEWEST,
-    SELF_JUDGED,
-    Draw,
-    Floats,
-    Law,
-    ratios_of_values,
-    session_hash,
-)
+from vibroswarm.inspection.samples import FEWEST, Doubt, Draw, Floats, Law, session_hash
 from vibroswarm.observation.decision_boundary import grid_of
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.recordings.recording import Recording
-from vibroswarm.recordings.threshold import cluster_weights, robot_clusters
+from vibroswarm.recordings.threshold import robot_clusters
 from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import preset_names
@@ -65,15 +58,8 @@ SMOOTH: Final = 4000
 """Energies of a kind that drawn surfaces have, unless more were measured."""
 OFTEN: Final = 0.05
 """Share of the measured energies of a kind from which on equal ones are no chance."""
-TOLD_APART: Final = 0.01
-"""Largest p-value with which measured energies of two kinds differ (Mann-Whitney, of those that a law has not seen)."""
-SPLITS: Final = 3
-"""How often they are split into halves at random; with fewer splits the level is kept less well."""
 FITTED: Final = (*FIELDS, *SPREADS)
 """Fields of the sensor that are fitted to sessions, in the order of ``law.draws``."""
-
-
-_BITS_SEED: Final = 23
 
 
 def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draws: int = DRAWS) -> Law:
@@ -111,77 +97,63 @@ def _with_law(sensor: Sensor, judges: Sequence[Sensor]) -> tuple[Draw, ...]:
 
 
 def _sensor_of(base: Scenario, values: dict[str, float]) -> Any:
-    """Return the sensor of a scenario with fitted values, by field; without a difference a spread is None."""
     fields = {
         f"sensor.{name}": (value or None) if name in SPREADS else value for name, value in values.items()
     }
     return base.with_values({"sensor.model": "gamma"} | fields).sensor
 
 
-def hash_of_run(result: Result, run: int) -> str:
-    """Return the hash of the energies of one run or session (``session_hash``)."""
-    of_run = pl.col("run") == run
-    seen = result.observations.filter(of_run)
-    measured = result.rows.filter(of_run) if isinstance(result, Recording) else seen
-    return session_hash(
-        (measured["energy"] if measured["energy"].count() else seen["observation"]).to_numpy()
-    )
+def hash_of_run(result: Result, run: int, column: str = "energy") -> str:
+    """Return the hash of the energies, or bits, of one run or session (``session_hash``)."""
+    from_log = isinstance(result, Recording) and column == "energy"
+    table = result.rows if isinstance(result, Recording) and from_log else result.observations
+    return session_hash(table.filter(pl.col("run") == run)[column].to_numpy())
 
 
-def law_of_bits(recording: Recording, run: int, *, draws: int = DRAWS) -> Law:
-    """Return how often bits are 1 on still and on vibrating tiles, in a recording's other sessions if there are any.
-
-    Args:
-        run: the session. draws: as in ``law_of_sessions``; robots are resampled.
-    Raises:
-        InputError: samples are on one kind of tile only.
-    """
-    rest = recording.observations.filter(pl.col("run") != run)
-    of = rest if rest.height else recording.observations
-    of = of.filter(pl.col("tile") >= 0)
-    vibrating = recording.floor(run).tiles.ravel()[of["tile"].to_numpy()] > 0
-    if vibrating.all() or not vibrating.any():
-        raise InputError("has samples on one kind of tile only; both are needed", field="the recording")
-    ones, robot = of["observation"].to_numpy().astype(float), robot_clusters(of)
-
-    def sensor_by(weight: Floats) -> Sensor:
-        rates = []
-        for on in (~vibrating, vibrating):
-            share = float((ones[on] @ weight[on] + 0.5) / (weight[on].sum() + 1.0))
-            rates.append((1.0 - share, share))
-        values = {"sensor.model": "confusion", "sensor.confusion.rates": tuple(rates)}
-        return recording.scenario.with_values(values).sensor
-
-    drawn = tuple(sensor_by(cluster_weights(_BITS_SEED, draw, 0, robot)) for draw in range(draws))
-    words = f"rates of bits on the known floor, of {'the other sessions' if rest.height else 'this session itself'}"
-    hashes = tuple(hash_of_run(recording, one) for one in of["run"].unique())
-    sensor = sensor_by(np.ones(ones.size))
-    return Law(sensor, words, "", hashes, tuple(Draw(one, one) for one in drawn), bits=True)
-
-
-def law_for_session(recording: Recording, run: int, *, draws: int = DRAWS) -> Law:
+def law_for_session(recording: Recording, run: int, *, draws: int = DRAWS, bits: bool = False) -> Law:
     """Return the law of a recorded session, fitted to the recording's other sessions if there are any.
 
     Args:
-        run: the session. draws: as in ``law_of_sessions``.
+        run: the session. draws: as in ``law_of_sessions``. bits: whether the law is that of readings of 0 and 1.
     Raises:
         InputError: there is no such session, or all samples lie on one kind of tile.
     """
     runs = recording.runs["run"].to_list()
     if run not in runs:
-        raise InputError(
-            f"there is no session {run}; the recording has sessions 0 to {len(runs) - 1}", field="--run"
-        )
-    found = dataset_of([recording])
-    rest = [session for session in found.sessions if session != runs.index(run)]
-    others = "other session" if len(rest) == 1 else f"other {count(len(rest), 'session')}"
-    known = (
-        f"the {others} of the recording, whose floor is known"
-        if rest
-        else "this session itself, on its known floor"
-    )
-    words = f"fitted to {known}"
-    return law_of_sessions(found, rest or found.sessions, words, draws=draws)
+        raise InputError(f"there is no session {run} of {len(runs)}", field="--run")
+    rest = [other for other in runs if other != run]
+    words = "fitted to the other sessions of the recording" if rest else "fitted to this session itself"
+    if bits:
+        return law_of_bits(recording, rest or runs, words, draws=draws)
+    numbers = [runs.index(other) for other in rest or runs]
+    return law_of_sessions(dataset_of([recording]), numbers, words, draws=draws)
+
+
+def law_of_bits(recording: Recording, runs: Sequence[int], words: str, *, draws: int = DRAWS) -> Law:
+    """Return the law of the readings of some sessions: the shares of ones on still and on vibrating tiles.
+
+    Raises:
+        InputError: all samples lie on one kind of tile.
+    """
+    ones, number = np.zeros(2), np.zeros(2)
+    for run in runs:
+        own = recording.observations.filter(pl.col("run") == run, pl.col("tile") >= 0)
+        kind = recording.floor(run).tiles.ravel()[own["tile"].to_numpy()]
+        ones += np.bincount(kind, own["observation"].to_numpy(), 2)
+        number += np.bincount(kind, minlength=2)
+    if not number.all():
+        raise InputError("all samples lie on one kind of tile; give a law of bits", field="--laws")
+    drawn = generator(1, "shares of ones").beta(ones + 0.5, number - ones + 0.5, (draws, 2))
+    sensor, *judges = map(sensor_of_bits, [(ones + 0.5) / (number + 1.0), *drawn])
+    hashes = tuple(hash_of_run(recording, run, "observation") for run in runs)
+    of_law = tuple(Draw(judge, sensor) for judge in judges)
+    return Law(sensor, f"shares of ones, {words}", session_hash(drawn), hashes, of_law, bits=True)
+
+
+def sensor_of_bits(ones: NDArray[Any]) -> Sensor:
+    """Return the sensor that reads 1 on still and on vibrating tiles with these shares."""
+    rates = [[1.0 - share, share] for share in ones.tolist()]
+    return Scenario().with_values({"sensor.model": "confusion", "sensor.confusion.rates": rates}).sensor
 
 
 def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (0.0, 0.0)) -> Law:
@@ -195,10 +167,9 @@ def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (
     """
     path = Path(text)
     if path.is_dir():
-        return law_of_recordings([Recording.read(path)], f" of '{path.name}'", draws)
+        return law_of_recordings([Recording.read(path)], draws)
     if path.suffix.lower() == ".csv":
-        energies = read_energies(path)
-        return _law_of_file(path.name, energies, hashlib.sha256(path.read_bytes()).hexdigest()[:16], spreads)
+        return _law_of_file(path.name, path.read_bytes(), path, spreads)
     if text in preset_names():
         return law_of_scenario(preset(text), f"preset '{text}'")
     with in_file(path):  # laws of draws may be wrong too
@@ -206,18 +177,12 @@ def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (
 
 
 @lru_cache(maxsize=4)
-def _law_of_file(
-    name: str,
-    energies: tuple[tuple[float, ...], tuple[float, ...]],
-    of_file: str,
-    spreads: tuple[float, float],
-) -> Law:
-    """Return the law of energies of vibrating and of still places that a file holds.
-
-    It is cached, and with it the tables of its draws: many surfaces may be judged by one reference.
-    """
-    vibrating, still = (np.array(each) for each in energies)
-    return replace(law_of_measured(vibrating, still, f"'{name}'", spreads), hash=of_file)
+def _law_of_file(name: str, content: bytes, path: Path, spreads: tuple[float, float]) -> Law:
+    """Return the law of a file; cached with the tables of its draws, as many surfaces may be judged by it."""
+    vibrating, still = (np.array(each) for each in read_energies(path))
+    return replace(
+        law_of_measured(vibrating, still, f"'{name}'", spreads), hash=hashlib.sha256(content).hexdigest()[:16]
+    )
 
 
 def law_of_measured(
@@ -229,14 +194,13 @@ def law_of_measured(
         words: what the energies are; names them in errors. spreads: how much tiles and robots differ, which energies do
             not show: standard deviations of the logarithms of their factors.
     Raises:
-        InputError: there are too few energies, or those of both kinds cannot be told apart.
+        InputError: there are too few energies.
     """
-    for kind, energies in (("vibrating", vibrating), ("still", still)):
-        if energies.size < FEWEST:
-            raise InputError(
-                f"holds {count(energies.size, 'value')} of {kind} places; nothing can be said with fewer than {FEWEST}",
-                field=words,
-            )
+    if min(vibrating.size, still.size) < FEWEST:
+        raise InputError(
+            f"{vibrating.size} vibrating and {still.size} still values; {FEWEST} of each are needed",
+            field=words,
+        )
     values = {
         "sensor.model": "energies",
         "sensor.vibrating_energies": vibrating.tolist(),
@@ -244,21 +208,15 @@ def law_of_measured(
         **{f"sensor.{name}": value or None for name, value in zip(SPREADS, spreads, strict=True)},
     }
     sensor = preset("paper").with_values(values).sensor
-    _check_told_apart(words, sensor, vibrating, still)
     scale, often = scale_of((still, vibrating)), np.union1d(_often(still), _often(vibrating))
     draws = tuple(
         Draw(one.judge, _smoothed(one.truth, scale, often)) for one in _resampled(sensor, vibrating, still)
     )
-    differ = (
-        f"places of 20 cm presumed to differ by {percent(spreads[0], 0)}, robots by {percent(spreads[1], 0)}"
-    )
-    doubt = ", where they are smaller (are the kinds exchanged?)" if still.mean() > vibrating.mean() else ""
     origin = (
-        f"{words}: {still.size} measured values on still places, {vibrating.size} on vibrating ones{doubt}; "
-        f"{differ if any(spreads) else 'places and robots presumed alike'}"
+        f"{words}: {still.size} still and {vibrating.size} vibrating values; places of 20 cm differ by "
+        f"{spreads[0]:.0%}, robots by {spreads[1]:.0%}"
     )
-    own = (session_hash(np.concatenate([vibrating, still])),)
-    return Law(sensor, origin, "", own, draws)
+    return Law(sensor, origin, "", (session_hash(np.concatenate([vibrating, still])),), draws)
 
 
 def _resampled(sensor: Sensor, vibrating: Floats, still: Floats) -> Iterator[Draw]:
@@ -297,35 +255,6 @@ def _smoothed(truth: Sensor, scale: Scale, often: Floats) -> Sensor:
     return truth.model_copy(update=update)
 
 
-def _check_told_apart(words: str, sensor: Sensor, vibrating: Floats, still: Floats) -> None:
-    """Refuse energies that tell nothing: each half is judged by the law of the other half, and ranked by its kind.
-
-    The two results of a split are not independent, since each half judges the other. Their mean is therefore tested at
-    twice its p-value, which keeps the level nearly: of references that tell nothing 98 to 100 % are refused.
-    """
-    from scipy.stats import mannwhitneyu, norm  # which take long to import
-
-    random, deviations = generator(1, "halves"), []
-    for _ in range(SPLITS):
-        on, off = random.permutation(vibrating), random.permutation(still)
-        for half in (0, 1):
-            seen = {
-                "vibrating_energies": tuple(on[half::2].tolist()),
-                "still_energies": tuple(off[half::2].tolist()),
-            }
-            law = Law(sensor.model_copy(update=seen), "")
-            ratios = [ratios_of_values(law, energies[1 - half :: 2]) for energies in (on, off)]
-            ranked = mannwhitneyu(ratios[0], ratios[1], alternative="greater", method="asymptotic")
-            deviations.append(float(norm.isf(ranked.pvalue)))
-    p = min(1.0, 2.0 * float(norm.sf(np.mean(deviations) * np.sqrt(2.0))))  # 1 where it is nan: all are equal
-    if p > TOLD_APART:
-        raise InputError(
-            "its values of vibrating and of still places cannot be told apart: a law fitted to half of them does not "
-            f"recognise the others (p = {p_value(p)}, at most {stated(TOLD_APART)} asked); nothing can be said",
-            field=words,
-        )
-
-
 def law_of_scenario(scenario: Scenario, words: str) -> Law:
     """Return the law and the camera that a scenario states, as if they were exact."""
     camera = Camera.of(scenario)
@@ -337,7 +266,7 @@ def known_from(scenario: Scenario, words: str) -> Law:
     if scenario.law.sessions is None:
         return law_of_scenario(scenario, words)
     drawn = [_sensor_of(scenario, dict(zip(FITTED, row, strict=True))) for row in scenario.law.draws or ()]
-    words = f"{words}, fitted to {count(len(scenario.law.sessions), 'session')} on a known floor"
+    words = f"{words}, fitted to {len(scenario.law.sessions)} sessions on a known floor"
     draws, camera = _with_law(scenario.sensor, drawn), Camera.of(scenario)
     return Law(scenario.sensor, words, scenario.hash, scenario.law.sessions, draws, camera=camera)
 
@@ -352,7 +281,9 @@ def with_law(recording: Recording, law: Law) -> tuple[Recording, tuple[str, ...]
     seen = corrected(recording, law.camera)
     assert isinstance(seen, Recording)
     own = any(hash_of_run(recording, run) in law.sessions for run in recording.runs["run"].to_list())
-    return replace(seen, scenario=seen.scenario.model_copy(update={"sensor": sensor})), (SELF_JUDGED,) * own
+    return replace(seen, scenario=seen.scenario.model_copy(update={"sensor": sensor})), (
+        Doubt.OWN_LAW.value,
+    ) * own
 
 
 def law_table(law: Law) -> pl.DataFrame:
@@ -375,22 +306,18 @@ def _rows_of(law: Law) -> list[list[float]]:
     return [[getattr(one.judge, name) or 0.0 for name in FITTED] for one in law.draws]
 
 
-def law_of_recordings(recordings: Sequence[Recording], of: str = "", draws: int = KEPT) -> Law:
+def law_of_recordings(recordings: Sequence[Recording], draws: int = KEPT) -> Law:
     """Return the law of all sessions of recordings.
 
     Args:
-        of: which recordings, in words. draws: as in ``law_of_sessions``.
+        draws: as in ``law_of_sessions``.
     Raises:
         InputError: all samples lie on one kind of tile, or of one robot in one session, whose law has no known error.
     """
     found = dataset_of(recordings)
     if draws and robot_clusters(found.samples).max() == 0:
-        raise InputError(
-            "has one robot in one session; the error of a law comes from how robots and sessions differ: give at "
-            "least two",
-            field="the recording",
-        )
-    words = f"fitted to {count(len(found.sessions), 'session')}{of}, whose floor is known"
+        raise InputError("has one robot in one session; give at least two", field="the recording")
+    words = f"fitted to {len(found.sessions)} sessions on a known floor"
     return law_of_sessions(found, found.sessions, words, draws=draws)
 
 

@@ -12,7 +12,7 @@ from vibroswarm.plots.distributions import draw_boxes
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
-from vibroswarm.plots.picture import Picture, write_picture
+from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.reports import draw_reports
 from vibroswarm.plots.run import draw_run
 from vibroswarm.plots.search import draw_parameters, draw_search
@@ -35,5 +35,4 @@ __all__ = [
     "draw_run",
     "draw_search",
     "draw_spectrum",
-    "write_picture",
 ]

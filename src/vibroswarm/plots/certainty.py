@@ -34,32 +34,23 @@ def draw_certainty(
         probability: of each cell, (rows, columns), top row first. size_m: width and height of the surface.
         places_m: of the samples, (samples, 2). marked_m: left, bottom, width and height of patches to outline,
             and whether each is a disc.
-        title: above the picture.
-        style: "column", "page" or "slide".
+        title: above the picture. style: "column", "page" or "slide".
 
-    Returns:
-        Picture; its numbers are ``row, column, probability, standard_deviation``.
+    Returns: the picture; its numbers are ``row, column, probability, standard_deviation``.
     """
     from matplotlib.patches import Ellipse, Rectangle
 
     sizes = style_named(style)
     figure = new_figure(sizes, title=title)
     doubt = np.sqrt(probability * (1.0 - probability))
-    extent = (0.0, size_m[0], 0.0, size_m[1])
     panels: Any = figure.subplots(1, 2)
-    for axes, values, most, words in zip(
-        panels, (probability, doubt), (1.0, 0.5), ("probability", "standard deviation"), strict=True
-    ):
-        image = axes.imshow(
-            values, cmap=COLOUR_MAP, vmin=0.0, vmax=most, extent=extent, interpolation="nearest"
-        )
-        axes.tick_params(labelsize=sizes.small_pt)
-        axes.set_xlabel("x (m)", fontsize=sizes.small_pt)
+    shown = (("probability", probability, 1.0), ("standard deviation", doubt, 0.5))
+    for axes, (name, values, most) in zip(panels, shown, strict=True):
+        image = _image(axes, values, size_m, most)
+        axes.set_xlabel("x (m)")
         few_ticks(axes.xaxis, sizes)
-        bar = figure.colorbar(image, ax=axes, location="top", pad=0.03)
-        bar.ax.tick_params(labelsize=sizes.small_pt)
-        bar.set_label(words, fontsize=sizes.small_pt)
-    panels[0].set_ylabel("y (m)", fontsize=sizes.small_pt)
+        figure.colorbar(image, ax=axes, location="top", pad=0.03, label=name)
+    panels[0].set_ylabel("y (m)")
     # Places outside the surface must not make this map smaller than the one beside it.
     panels[1].plot(
         *places_m.T, ls="", marker=".", ms=1.2, color=PAPER, markeredgecolor=INK, mew=0.15, rasterized=True,
@@ -67,23 +58,21 @@ def draw_certainty(
     )  # fmt: skip
     for axes, (left, bottom, width, height, is_disc) in product(panels, marked_m):
         for line in ({"edgecolor": PAPER, "lw": 1.6}, {"edgecolor": INK, "lw": 0.8, "ls": "--"}):
-            corner, centre = (left, bottom), (left + 0.5 * width, bottom + 0.5 * height)
-            outline = Ellipse(centre, width, height) if is_disc else Rectangle(corner, width, height)
+            centre = (left + 0.5 * width, bottom + 0.5 * height)
+            outline = Ellipse(centre, width, height) if is_disc else Rectangle((left, bottom), width, height)
             outline.set(fill=False, **line)
             axes.add_patch(outline)
     to_scale(figure, sizes, panels[:1], size_m[1] / size_m[0])
     row, column = (index.ravel() for index in np.indices(probability.shape))
-    numbers = pl.DataFrame(
-        {
-            "row": row,
-            "column": column,
-            "probability": probability.ravel(),
-            "standard_deviation": doubt.ravel(),
-        }
-    )
-    words = "Left: probability of damage. Right: its standard deviation, and the places of the samples."
-    caption = f"{words} Outlined: called patches." if marked_m else words
-    return Picture(figure, numbers, caption)
+    values = {"probability": probability.ravel(), "standard_deviation": doubt.ravel()}
+    caption = "Left: probability of damage. Right: its standard deviation, and the places of the samples."
+    caption = f"{caption} Outlined: called patches." if marked_m else caption
+    return Picture(figure, pl.DataFrame({"row": row, "column": column, **values}), caption)
+
+
+def _image(axes: Any, values: NDArray[np.float64], size_m: tuple[float, float], most: float) -> Any:
+    extent = (0.0, size_m[0], 0.0, size_m[1])
+    return axes.imshow(values, cmap=COLOUR_MAP, vmin=0.0, vmax=most, extent=extent, interpolation="nearest")
 
 
 @drawn
@@ -98,32 +87,25 @@ def draw_rasters(
 
     Args:
         panels: the probability of each cell, (rows, columns), top row first, by the words above it.
-        size_m: width and height of the surface. title: above the picture.
-        style: "column", "page" or "slide".
+        size_m: width and height of the surface. title: above the picture. style: "column", "page" or "slide".
 
-    Returns:
-        Picture; its numbers are ``panel, row, column, probability``.
+    Returns: the picture; its numbers are ``panel, row, column, probability``.
     """
     sizes = style_named(style)
     figure = new_figure(sizes, title=title)
     grid = panels_of(figure, len(panels), MOST_ACROSS)
     image: Any = None
     for axes, (words, values) in zip(grid, panels.items(), strict=True):
-        extent = (0.0, size_m[0], 0.0, size_m[1])
-        image = axes.imshow(
-            values, cmap=COLOUR_MAP, vmin=0.0, vmax=1.0, extent=extent, interpolation="nearest"
-        )
+        image = _image(axes, values, size_m, 1.0)
         axes.set(xticks=[], yticks=[])
-        axes.set_title(words, fontsize=sizes.small_pt)
-    bar = figure.colorbar(image, ax=figure.axes, location="bottom", shrink=0.6, pad=0.03)
-    bar.ax.tick_params(labelsize=sizes.small_pt)
-    bar.set_label("probability", fontsize=sizes.small_pt)
+        axes.set_title(words, fontsize="small")
+    figure.colorbar(image, ax=figure.axes, location="bottom", shrink=0.6, pad=0.03, label="probability")
     to_scale(figure, sizes, grid[::MOST_ACROSS], size_m[1] / size_m[0])
-    numbers = pl.concat(
+    numbers = [
         pl.DataFrame({"row": row.ravel(), "column": column.ravel(), "probability": values.ravel()}).select(
             pl.lit(words).alias("panel"), pl.all()
         )
         for words, values in panels.items()
         for row, column in [np.indices(values.shape)]
-    )
-    return Picture(figure, numbers, "Probability of damage.")
+    ]
+    return Picture(figure, pl.concat(numbers), "Probability of damage.")

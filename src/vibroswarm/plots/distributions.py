@@ -1,16 +1,14 @@
 """Box pictures: the distribution of a value over the runs of each cell, including undecided runs.
 
-The runs of one cell and series are a group. A run without a value is undecided. If the end of the runs is known, an
-undecided run counts as later than the end. A quantile is then exact if it falls among the decided runs; if it falls
-among the undecided ones, it is later than the end as well, and drawn in a shaded band right of the end.
+A run without a value is undecided. If the end of the runs is known, an undecided run counts as later than the end: a
+quantile that falls among undecided runs is drawn in a shaded band right of the end.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -19,46 +17,14 @@ from numpy.typing import NDArray
 from vibroswarm.core.numbers import verb
 from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import tidy, with_series
-from vibroswarm.plots.layout import (
-    Rows,
-    crowded,
-    hatched,
-    lay_out,
-    legend_below,
-    number,
-    of_runs,
-    patch_handle,
-    rows_of,
-    share,
-)
+from vibroswarm.plots.layout import Rows, legend_below, of_runs, patch_handle, rows_of, share
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import BAND, FAINT, INK, PAPER, Look, Style, looks_of, row_looks, style_named
+from vibroswarm.plots.style import BAND, FAINT, INK, PAPER, Look, looks_of, row_looks, style_named
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95}
 """Quantiles of a box, by the names of their columns."""
-POINTS_BELOW = 5
-"""Fewer runs than this are drawn one by one, without a box."""
 BAND_SHARE = 0.07
 """Width of the band after the end of the runs, relative to the axis before it."""
-
-
-class Group(NamedTuple):
-    """The runs of one cell and series."""
-
-    cell: str
-    series: str
-    y: float
-    """Height at which it is drawn."""
-    look: Look
-    values: NDArray[np.float64]
-    """Values of the decided runs, sorted."""
-    runs: int
-    """Number of runs, including undecided ones."""
-
-    @property
-    def undecided(self) -> int:
-        """Number of runs without a value."""
-        return self.runs - self.values.size
 
 
 @drawn
@@ -77,219 +43,90 @@ def draw_boxes(
         frame: one row per run with the columns ``cell`` (text), ``value`` (number; null or NaN: undecided), and for
             several boxes in a cell ``series`` (text). Cells and series are drawn in order of appearance.
         label: of the axis, with its unit.
-        t_end: end of the runs, in the unit of the axis. Undecided runs then count as later than ``t_end``, and
-            quantiles that fall among them are drawn in the shaded band. If it is None, quantiles are those of the
-            decided runs, and undecided runs are not drawn; only their share is written at the right.
-        missing: word for runs without a value.
-        title: above the picture.
-        style: "column", "page" or "slide".
+        t_end: end of the runs, in the unit of the axis. Undecided runs then count as later than ``t_end``. If it is
+            None, quantiles are those of the decided runs; the share of the others is written at the right.
+        missing: word for runs without a value. title: above the picture. style: "column", "page" or "slide".
 
-    Returns:
-        Picture; its numbers have one row per box and one per run that is drawn by itself: ``cell, series, mark`` ("box"
-        or "run"), ``runs, undecided``, the quantiles ``q05, q25, median, q75, q95`` of a box (null: later than t_end;
-        or, without t_end, no run is decided) and the ``value`` of a run (null: undecided).
-
+    Returns: the picture; its numbers have one row per box: ``cell, series, runs, undecided``, and the quantiles ``q05,
+        q25, median, q75, q95`` (null: later than t_end; or, without t_end, no run is decided).
     Raises:
         InputError: the frame is not as described, or a value is later than ``t_end``.
     """
-    sizes = style_named(style)
     frame, series = with_series(tidy(frame, numbers=("value",), texts=("cell",)))
-    cells = frame["cell"].unique(maintain_order=True).to_list()
-    looks = looks_of(series)
-    rows = rows_of(sizes, cells, label, series=len(series), title=title)
-    groups = _groups(frame, cells, series, looks, rows)
-    latest = max((group.values[-1] for group in groups if group.values.size), default=None)
+    latest: Any = frame["value"].max()
     if t_end is not None and latest is not None and latest > t_end:
         raise InputError(f"holds {latest:g}, later than the end at {t_end:g}", field="value")
-    in_band = _limits(rows, groups, t_end)
-    if any(group.undecided for group in groups):
-        for group in groups:
-            rows.note(group.y, share(group.undecided, group.runs))
-        rows.heading(missing)
-    numbers: list[dict[str, object]] = []
-    for group in groups:
-        is_single = group.runs < POINTS_BELOW
-        numbers += _runs(rows, sizes, group, in_band) if is_single else [_box(rows, sizes, group, in_band)]
-    # For each group, whether its runs are drawn one by one.
-    single = [group.runs < POINTS_BELOW for group in groups]
-    handles = _handles(sizes, looks, marks=all(single))
-    legend_below(rows.figure, sizes, handles, series if len(series) > 1 else [])
-    rows.settle(sizes)  # sets the height of the figure, now that all else is drawn
-    boxes = "Line: median; box: 25 % to 75 %; whiskers: 5 % to 95 % of the runs. "
-    marks = f"Fewer than {POINTS_BELOW} runs are drawn one by one. "
-    counted = _counted(groups, t_end, missing)
-    caption = f"{label}. {'' if all(single) else boxes}{marks if any(single) else ''}{counted}"
-    return Picture(rows.figure, pl.DataFrame(numbers, schema=_SCHEMA), caption)
-
-
-def _groups(
-    frame: pl.DataFrame, cells: Sequence[str], series: Sequence[str], looks: Sequence[Look], rows: Rows
-) -> list[Group]:
-    """Split the runs into groups, sorted by cell, then by series.
-
-    With one series, cells that are named after strategies have the looks of these.
-    """
-    of_rows = row_looks(cells) if len(series) == 1 else {}
+    cells = frame["cell"].unique(maintain_order=True).to_list()
+    looks, of_rows = looks_of(series), row_looks(cells) if len(series) == 1 else {}
+    rows = rows_of(style_named(style), cells, label, series=len(series), title=title)
+    in_band = _end_band(rows, t_end)
     parts = frame.partition_by("cell", "series", as_dict=True)
-    return [
-        Group(
-            cell,
-            name,
-            y=rows.place(row, index, len(series)),
-            look=of_rows.get(cell, looks[index]),
-            values=np.sort(parts[cell, name]["value"].drop_nulls().to_numpy()),
-            runs=parts[cell, name].height,
-        )
-        for (row, cell), (index, name) in product(enumerate(cells), enumerate(series))
-        if (cell, name) in parts
-    ]
+    numbers: list[dict[str, Any]] = []
+    for (row, cell), (index, name) in product(enumerate(cells), enumerate(series)):
+        if (part := parts.get((cell, name))) is None:
+            continue
+        values, undecided = np.sort(part["value"].drop_nulls().to_numpy()), part["value"].null_count()
+        size = part.height if t_end is not None else values.size
+        found = {key: quantile(values, q, size) for key, q in QUANTILES.items()}
+        numbers.append({"cell": cell, "series": name, "runs": part.height, "undecided": undecided, **found})
+        y = rows.place(row, index, len(series))
+        _box(rows, y, of_rows.get(cell, looks[index]), found, in_band)
+        if frame["value"].has_nulls():
+            rows.note(y, share(undecided, part.height))
+    if frame["value"].has_nulls():
+        rows.heading(missing)
+    if len(series) > 1:
+        handles = [patch_handle(look, edge=look.colour, filled=False) for look in looks]
+        legend_below(rows.figure, rows.style, handles, series)
+    lost, total = frame["value"].null_count(), frame.height
+    late = "counted as later than the end of the runs (shaded)" if t_end is not None else "not drawn"
+    said = f"{lost} of {total} {verb(lost, 'are', 'is')} {missing}, {late}" if lost else f"none {missing}"
+    caption = (
+        f"{label}. Line: median; box: 25 % to 75 %; whiskers: 5 % to 95 % of the runs. "
+        f"{of_runs([row['runs'] for row in numbers])}; {said}."
+    )
+    return Picture(rows.figure, pl.DataFrame(numbers, infer_schema_length=None), caption)
 
 
-def _limits(rows: Rows, groups: Sequence[Group], end: float | None) -> float | None:
-    """Set the limits and ticks of the axis, and draw the band for undecided runs if the end of the runs is known.
-
-    Returns:
-        x of the middle of the band, where values later than the end are drawn; None if the end is unknown.
-    """
-    values = np.concatenate([group.values for group in groups])
-    axes = rows.axes
-    low = float(values.min()) if values.size else 0.0
-    high = end if end is not None else (float(values.max()) if values.size else 1.0)
-    if 0 <= low <= 0.5 * high:  # the axis starts at 0 unless all values are far from it
-        low = 0.0
-    span = (high - low) or abs(high) or 1.0  # above 0, also if all values are equal
-    left = low - (0.02 if low == 0 else 0.04) * span  # a margin, so that no mark lies on the edge
+def _end_band(rows: Rows, end: float | None) -> float | None:
+    """Draw the band for undecided runs, and return the x of its middle; None if the end is unknown."""
     if end is None:
-        axes.set_xlim(left, high + 0.04 * span)
         return None
-    band = BAND_SHARE * span
-    axes.axvspan(high, high + band, color=BAND, linewidth=0, zorder=0)
-    axes.axvline(high, color=FAINT, linewidth=axes.spines["bottom"].get_linewidth(), zorder=0.5)
-    axes.set_xlim(left, high + band)
-    # The end gets a tick. The last of the other ticks are left out where labels would overlap.
-    ticks = [tick for tick in axes.get_xticks() if left <= tick < high]
-    axes.set_xticks([*ticks, high], labels=[number(tick, 4) for tick in [*ticks, high]])
-    lay_out(rows.figure)
-    while ticks and crowded(axes.xaxis):
-        ticks.pop()
-        axes.set_xticks([*ticks, high], labels=[number(tick, 4) for tick in [*ticks, high]])
-    return high + band / 2
+    band = BAND_SHARE * end
+    rows.axes.axvspan(end, end + band, color=BAND, linewidth=0, zorder=0)
+    rows.axes.axvline(end, color=FAINT, zorder=0.5)
+    rows.axes.set_xlim(0, end + band)
+    return end + band / 2
 
 
-def _handles(style: Style, looks: Sequence[Look], *, marks: bool) -> list[Any]:
-    """Return the entries of the series for a legend: their hatches or, if ``marks``, their markers."""
-    from matplotlib.lines import Line2D
+def quantile(values: NDArray[np.float64], q: float, size: int) -> float | None:
+    """Return a quantile of ``size`` runs, of which those beyond ``values`` (sorted) are later than all others.
 
-    return [
-        Line2D([], [], ls="", marker=look.marker, markeredgecolor=look.colour, markerfacecolor="none")
-        if marks
-        else patch_handle(style, look, edge=look.colour, filled=False)
-        for look in looks
-    ]
-
-
-def _counted(groups: Sequence[Group], end: float | None, missing: str) -> str:
-    """Write the part of a caption with the number of runs, how many of them have no value, and how those are drawn."""
-    counts = of_runs([group.runs for group in groups])
-    total, lost = sum(group.runs for group in groups), sum(group.undecided for group in groups)
-    if not lost:
-        return f"{counts}, none {missing}."
-    drawn = "not drawn" if end is None else "counted as later than the end of the runs (shaded)"
-    return f"{counts}; {lost} of {total} {verb(lost, 'are', 'is')} {missing}, {drawn}, with the share at the right."
-
-
-_SCHEMA = {
-    "cell": pl.String,
-    "series": pl.String,
-    "mark": pl.String,
-    "runs": pl.UInt32,
-    "undecided": pl.UInt32,
-    **dict.fromkeys(QUANTILES, pl.Float64),
-    "value": pl.Float64,
-}
-"""Columns of the numbers of a picture of boxes, see ``draw_boxes``."""
-
-
-def _row(group: Group, mark: str, **values: float | None) -> dict[str, object]:
-    """Return a row of the picture's numbers for a group.
-
-    ``mark`` is "box" or "run". ``values`` are its quantiles, or the value of a run; the other columns are null.
+    It is interpolated linearly between neighbouring runs; None if one of them has no value.
     """
-    empty: dict[str, object] = dict.fromkeys(_SCHEMA)
-    return empty | {
-        "cell": group.cell, "series": group.series, "mark": mark, "runs": group.runs,
-        "undecided": group.undecided, **values,
-    }  # fmt: skip
-
-
-def quantile(group: Group, q: float, *, censored: bool) -> float | None:
-    """Return a quantile of a group's runs, interpolated linearly between neighbouring runs.
-
-    Args:
-        q: which quantile, 0 to 1. censored: whether undecided runs count as later than all others, or are left out.
-    Returns:
-        The quantile; None if one of the neighbouring runs is undecided, or if there are no runs.
-    """
-    size = group.runs if censored else group.values.size
-    if size == 0:
-        return None
-    place = q * (size - 1)  # among the sorted runs, from 0; undecided runs are the last
+    place = q * (size - 1)
     low, high = math.floor(place), math.ceil(place)
-    if high >= group.values.size:  # an undecided run
+    if size == 0 or high >= values.size:
         return None
-    return float(group.values[low] + (place - low) * (group.values[high] - group.values[low]))
+    return float(values[low] + (place - low) * (values[high] - values[low]))
 
 
-def _box(rows: Rows, style: Style, group: Group, in_band: float | None) -> dict[str, object]:
-    """Draw the quantiles of a group as a box with whiskers; return its row of numbers.
-
-    If no run of the group has a value and the end of the runs is unknown, no quantile is known, and nothing is drawn.
-
-    Args:
-        in_band: x of quantiles later than the end of the runs; None: the end is unknown.
-    """
+def _box(rows: Rows, y: float, look: Look, found: dict[str, float | None], in_band: float | None) -> None:
+    """Draw quantiles as a box with whiskers; those later than the end of the runs are drawn at ``in_band``."""
     from matplotlib.patches import Rectangle
 
-    quantiles = {name: quantile(group, q, censored=in_band is not None) for name, q in QUANTILES.items()}
-    row = _row(group, "box", **quantiles)
-    if in_band is None and not group.values.size:
-        return row
-    axes, y, colour = rows.axes, group.y, group.look.colour
-    half = rows.band * 0.36  # half of the height of the box, which leaves space between boxes
-    x: dict[str, Any] = {name: in_band if value is None else value for name, value in quantiles.items()}
-    axes.add_patch(
-        Rectangle(
-            (x["q25"], y - half), x["q75"] - x["q25"], 2 * half, facecolor=PAPER, edgecolor=colour,
-            hatch=hatched(style, group.look.hatch), linewidth=rows.line_pt, zorder=2,
-        )
-    )  # fmt: skip
-    line: dict[str, Any] = {
-        "color": colour, "linewidth": rows.line_pt, "zorder": 2, "solid_capstyle": "butt",
-    }  # fmt: skip
-    # the whiskers, each with a bar at its tip
+    if in_band is None and found["median"] is None:
+        return
+    x: dict[str, Any] = {name: in_band if value is None else value for name, value in found.items()}
+    half = rows.band * 0.36
+    box = Rectangle(
+        (x["q25"], y - half), x["q75"] - x["q25"], 2 * half, facecolor=PAPER, edgecolor=look.colour
+    )
+    box.set(hatch=look.hatch, zorder=2)
+    rows.axes.add_patch(box)
     for low, high, tip in (("q05", "q25", "q05"), ("q75", "q95", "q95")):
-        axes.plot([x[low], x[high]], [y, y], **line)
-        axes.plot([x[tip]] * 2, [y - half / 2, y + half / 2], **line)
-    axes.plot(
-        [x["median"]] * 2, [y - half, y + half], color=INK, linewidth=rows.line_pt * 2, zorder=3,
-        solid_capstyle="butt",
-    )  # fmt: skip
-    return row
-
-
-def _runs(rows: Rows, style: Style, group: Group, in_band: float | None) -> list[dict[str, object]]:
-    """Draw each run of a group as a mark; return a row of numbers for each mark.
-
-    Undecided runs are drawn in the band after the end. If the end is unknown, they are not drawn. A group without marks
-    has one row without a value.
-    """
-    values: list[float | None] = group.values.tolist()
-    if in_band is not None:
-        values += [None] * group.undecided
-    x: list[Any] = [in_band if value is None else value for value in values]
+        rows.axes.plot([x[low], x[high]], [y, y], color=look.colour)
+        rows.axes.plot([x[tip]] * 2, [y - half / 2, y + half / 2], color=look.colour)
     rows.axes.plot(
-        x, [group.y] * len(values), ls="",
-        marker=group.look.marker, markersize=style.marker_pt, markerfacecolor="none",
-        markeredgecolor=group.look.colour, zorder=3, markeredgewidth=rows.line_pt, clip_on=False,
-    )  # fmt: skip
-    return [_row(group, "run", value=value) for value in (values or [None])]
+        [x["median"]] * 2, [y - half, y + half], color=INK, linewidth=2 * rows.style.line_pt, zorder=3
+    )

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.numbers import count, first_of, number
+from vibroswarm.core.numbers import count, number
 from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import few_ticks, new_figure, panels_of
 from vibroswarm.plots.picture import Picture, drawn
@@ -85,33 +85,22 @@ def draw_reports(
     for axes, name in zip(panels_of(figure, len(names), ACROSS, sharex=True), names, strict=True):
         _draw_panel(axes, frame.filter(name=name), sizes.line_pt)
         if name in estimates and steps:
-            _draw_truth(axes, steps, frame["time_s"].to_numpy().max(), sizes.line_pt)
-        axes.set_title(headings.get(name, name.replace("_", " ")), fontsize=sizes.small_pt)
-        axes.tick_params(labelsize=sizes.small_pt)
+            since_s, values = zip(*steps, strict=True)
+            end_s = max(frame["time_s"].to_numpy().max(), since_s[-1])
+            axes.step([*since_s, end_s], [*values, values[-1]], where="post", color=INK, ls="--", lw=0.8)
+        axes.set_title(headings.get(name, name.replace("_", " ")), fontsize="small")
         few_ticks(axes.xaxis, sizes)
-        axes.set_xlabel("time (s)", fontsize=sizes.small_pt)
+        axes.set_xlabel("time (s)")
     robots = frame["robot"].n_unique()
-    lines = "each line a robot" if robots <= MOST_LINES else "median and quartiles of the robots"
-    words = [
-        f"what {count(robots, 'robot')} reported after {'its' if robots == 1 else 'their'} samples",
-        lines,
-        first_of(len(names), len(every_name), "value"),
-    ]
+    caption = f"What {count(robots, 'robot')} reported, "
+    caption += "each line a robot" if robots <= MOST_LINES else "median and quartiles of the robots"
+    if len(names) < len(every_name):
+        caption += f"; the first {len(names)} of {len(every_name)} values"
     if steps and set(names) & set(estimates):
-        which = f", {number(steps[0][1], digits=4)}" if len(steps) == 1 else ""
-        words.append(f"dashed: the true number{which}")
-    caption = f"{'; '.join(filter(None, words))}."
-    return Picture(figure, frame.select("name", "robot", "time_s", "value"), caption)
-
-
-def _draw_truth(axes: Any, steps: Sequence[tuple[float, float]], end_s: float, line_pt: float) -> None:
-    """Draw the true number over time as a dashed line, across the whole panel if it stays as it is."""
-    looks: dict[str, Any] = {"color": INK, "lw": line_pt * 0.8, "ls": (0, (4, 2))}
-    since_s, values = zip(*steps, strict=True)
-    if len(steps) == 1:
-        axes.axhline(values[0], **looks)
-    else:
-        axes.step([*since_s, max(end_s, since_s[-1])], [*values, values[-1]], where="post", **looks)
+        caption += (
+            f"; dashed: the true number{f', {number(steps[0][1], digits=4)}' if len(steps) == 1 else ''}"
+        )
+    return Picture(figure, frame.select("name", "robot", "time_s", "value"), f"{caption}.")
 
 
 def _draw_panel(axes: Any, rows: pl.DataFrame, line_pt: float) -> None:

@@ -21,7 +21,7 @@ from vibroswarm.motion.pose import pose
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.plots.layout import panels_of
 from vibroswarm.plots.picture import Picture, drawn, save_figure
-from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, RUN, WORDS, kind_colours, kind_hatch
+from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, RUN, kind_colours, kind_hatch
 from vibroswarm.result import Result
 from vibroswarm.statistics.verdict import answers_of, estimates_in_words, verdict
 
@@ -108,8 +108,6 @@ POINTS_PER_S = 2
 """Points of a path per second of simulated time."""
 VIBRATES: Final = 1
 """The value of an observation, or of a decision, that stands for vibrating."""
-FEEDBACK: Final = {strategy: words for words, strategy in WORDS.items()}
-"""Words for strategies in the title."""
 
 
 def run_figure(result: Result, run: int = 0) -> Figure:
@@ -166,14 +164,13 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     origin = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
     fill_ratio = floor.at(end_s).fill_ratio_within(width, height)
     share = "fill ratio" if scenario.sensor.kinds == 2 else "share of kind 1:"
-    feedback = FEEDBACK.get(scenario.strategy.name, scenario.strategy.name)
     # A dollar in a name does not begin a formula. It is escaped, since matplotlib ignores parse_math=False in a title
     # that it wraps.
     floor_name = floor.name.replace("$", r"\$")
     axes.set_title(
         f"{count(scenario.swarm.robots, 'robot')}, {floor_name}, {share} {number(fill_ratio, digits=3)}"
         f"{' at the end' if small else ''}, "
-        f"{feedback}, {origin}: {_outcome_in_words(result, run)}",
+        f"{scenario.strategy.name}, {origin}: {_outcome_in_words(result, run)}",
         fontsize=9,
         wrap=True,
     )

@@ -1,19 +1,21 @@
-"""The two pictures of a search: its scores, and the fields of its candidates, over the iterations."""
+"""Searches over their iterations: scores, and the parameters of their candidates."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.core.numbers import count, number
-from vibroswarm.errors import InputError
+from vibroswarm.core.numbers import count
 from vibroswarm.plots.error_bars import series_handle
-from vibroswarm.plots.inputs import check_once, tidy, with_series
+from vibroswarm.plots.inputs import tidy, with_series
 from vibroswarm.plots.labels import label_of
-from vibroswarm.plots.layout import legend_below, plain_axes, whole_ticks
+from vibroswarm.plots.layout import legend_below, number, plain_axes, whole_ticks
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, SERIES, Style, look, style_named
+from vibroswarm.plots.style import FAINT, SERIES, look, style_named
+
+CURVES: Final = {"best": "best as the search believes", "mean": "mean of the candidates"}
+"""Columns that are drawn as curves, and their names."""
 
 
 @drawn
@@ -21,57 +23,48 @@ def draw_search(
     frame: pl.DataFrame,
     personal: pl.DataFrame | None = None,
     *,
-    label: str = "cost",
+    label: str = "score",
     true: float | None = None,
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw scores over the iterations: the best so far, the mean of the candidates, and the best of each particle.
-
-    Scores are costs: lower is better.
+    """Draw the scores of a search over its iterations.
 
     Args:
         frame: one row per iteration with the columns ``iteration``, ``best`` (so far, as the search believes) and
-            ``mean`` (of the iteration's candidates); null: no score. The axis begins at 0 unless a score, of any of the
-            arguments, lies below.
+            ``mean`` (of the iteration's candidates); null: no score.
         personal: of a particle swarm, one row per iteration and particle with the columns ``iteration``, ``particle``
             and ``score`` (the best of the particle so far); None: not drawn.
         label: of the score, with its unit.
-        true: score of the winner (the candidate that the search chose) on runs that the search did not use, drawn as a
-            level line; None: no line.
-        title: above the picture.
-        style: "column", "page" or "slide".
+        true: score of the winner on runs that the search did not use, drawn as a level line; None: no line.
+        title: above the picture. style: "column", "page" or "slide".
 
-    Returns:
-        Picture; its numbers are ``iteration, best, mean``, without those of ``personal`` and ``true``.
-
+    Returns: the picture; its numbers are ``iteration, best, mean``.
     Raises:
         InputError: a frame is not as described.
     """
     sizes = style_named(style)
-    frame = tidy(
-        frame, numbers=("iteration", "best", "mean"), complete=("iteration",), once=("iteration",)
-    ).sort("iteration")
-    names = ["best as the search believes", "mean of the candidates"]
-    names += ["best of each particle"] if personal is not None else []
-    names += ["true, on fresh runs"] if true is not None else []
+    frame = tidy(frame, numbers=("iteration", "best", "mean")).sort("iteration")
     figure, axes = plain_axes(sizes, "iteration", label, title=title)
-    handles = [] if personal is None else [_particles(axes, personal, sizes)]
-    best, mean = look(0), look(1)
-    (of_mean,) = axes.plot(
-        frame["iteration"], frame["mean"], color=mean.colour, linestyle=mean.line, linewidth=sizes.line_pt
-    )
-    (of_best,) = axes.plot(
-        frame["iteration"], frame["best"], color=best.colour, linestyle=best.line,
-        linewidth=sizes.line_pt * 1.5, zorder=3,
-    )  # fmt: skip
-    handles = [of_best, of_mean, *handles]
+    handles = {}
+    for index, (column, name) in enumerate(CURVES.items()):
+        looks = look(index)
+        mark = "o" if frame.height == 1 else ""
+        (handles[name],) = axes.plot(
+            frame["iteration"], frame[column], color=looks.colour, linestyle=looks.line, marker=mark, zorder=3
+        )
+    if personal is not None:
+        own = tidy(personal, numbers=("iteration", "particle", "score")).sort("iteration")
+        for _, part in own.group_by("particle", maintain_order=True):
+            (handles["best of each particle"],) = axes.plot(
+                part["iteration"], part["score"], color=FAINT, alpha=0.5, linewidth=0.5, zorder=2
+            )
     if true is not None:  # in a colour and a line that no other curve has
-        handles.append(axes.axhline(true, color=SERIES[4], linestyle=look(2).line, linewidth=sizes.line_pt))
-    if not axes.dataLim.y0 < 0:  # y0: the lowest score that is drawn; +inf if there is none
+        handles["true, on fresh runs"] = axes.axhline(true, color=SERIES[4], linestyle=look(2).line)
+    if not axes.dataLim.y0 < 0:
         axes.set_ylim(bottom=0)
-    _iterations(axes, frame)
-    legend_below(figure, sizes, handles, names)  # handles and names have the same order
+    whole_ticks(axes.xaxis)
+    legend_below(figure, sizes, list(handles.values()), list(handles))
     caption = f"{label} over {count(frame.height, 'iteration')}: the best so far and the mean of the candidates tried."
     if true is not None:
         caption += (
@@ -80,77 +73,33 @@ def draw_search(
     return Picture(figure, frame.select("iteration", "best", "mean"), caption)
 
 
-def _particles(axes: Any, personal: pl.DataFrame, sizes: Style) -> Any:
-    """Draw the best score of each particle; return one of the lines, since all look the same in the legend."""
-    own = tidy(personal, numbers=("iteration", "particle", "score"), complete=("iteration", "particle"))
-    lines = [
-        axes.plot(
-            part["iteration"],
-            part["score"],
-            color=FAINT,
-            alpha=0.5,
-            linewidth=sizes.line_pt * 0.5,
-            zorder=2,
-        )
-        for _, part in own.sort("iteration").group_by("particle", maintain_order=True)
-    ]
-    return lines[-1][0]
-
-
 @drawn
-def draw_parameters(
-    frame: pl.DataFrame,
-    *,
-    title: str = "",
-    style: str = "column",
-) -> Picture:
+def draw_parameters(frame: pl.DataFrame, *, title: str = "", style: str = "column") -> Picture:
     """Draw the mean of each field over the candidates of an iteration, as a fraction of the field's range.
 
     Args:
         frame: one row per iteration and field with the columns ``iteration``, ``share`` (the mean: 0 at the field's
-            lower bound, 1 at the upper) and, for several fields, ``series`` (the name of the field,
-            which is labelled with its words, symbol and unit unless two fields would have the same label).
-        title: above the picture.
-        style: "column", "page" or "slide".
+            lower bound, 1 at the upper) and, for several fields, ``series`` (the name of the field).
+        title: above the picture. style: "column", "page" or "slide".
 
-    Returns:
-        Picture; its numbers are ``iteration, series, share``; ``series`` is empty if the frame does not have it.
-
+    Returns: the picture; its numbers are ``iteration, series, share``.
     Raises:
-        InputError: the frame is not as described, a share lies outside [0, 1], or there are more than ``SERIES_UP_TO``
-            fields.
+        InputError: the frame is not as described.
     """
     sizes = style_named(style)
-    frame = tidy(frame, numbers=("iteration", "share"), complete=("iteration", "share"))
-    frame, series = with_series(frame)
-    labels = {name: label_of(name).text for name in series if "." in name}
-    once = {name: text for name, text in labels.items() if list(labels.values()).count(text) == 1}
-    frame = frame.with_columns(pl.col("series").replace(once))
-    series = [once.get(name, name) for name in series]
-    check_once(frame, ["iteration", "series"])
-    if not frame["share"].is_between(-1e-9, 1 + 1e-9).all():  # 1e-9: for rounding
-        raise InputError("lies outside 0 to 1; give shares of the bounds", field="share")
+    frame, series = with_series(tidy(frame, numbers=("iteration", "share")))
     figure, axes = plain_axes(sizes, "iteration", "mean, share of its bounds", title=title)
-    for index, name in enumerate(series):
+    handles: list[Any] = [series_handle(look(index)) for index in range(len(series))]
+    for name, line in zip(series, handles, strict=True):
         part = frame.filter(series=name).sort("iteration")
-        line = series_handle(sizes, look(index))
         line.set_data(part["iteration"], part["share"])
-        line.set_markevery(max(part.height // 8, 1))  # about eight marks per curve
+        line.set_markevery(max(part.height // 8, 1))
         axes.add_line(line)
     axes.autoscale_view()
     axes.set_ylim(-0.02, 1.02)
-    _iterations(axes, frame)
+    whole_ticks(axes.xaxis)
     if any(series):
-        legend_below(figure, sizes, [series_handle(sizes, look(k)) for k in range(len(series))], series)
+        names = [label_of(name).text if "." in name else name for name in series]
+        legend_below(figure, sizes, [series_handle(look(index)) for index in range(len(series))], names)
     caption = "Mean of each field over the candidates of an iteration: 0 is its lower bound, 1 its upper."
     return Picture(figure, frame.select("iteration", "series", "share"), caption)
-
-
-def _iterations(axes: Any, frame: pl.DataFrame) -> None:
-    """Set the axis of iterations, which are whole numbers; of a single one, lines are marks."""
-    whole_ticks(axes.xaxis)
-    if frame["iteration"].n_unique() == 1:
-        axes.set_xlim(frame["iteration"][0] - 1.0, frame["iteration"][0] + 1.0)
-        for line in axes.lines:
-            if len(line.get_xdata()) == 1 and line.get_marker() == "None":
-                line.set_marker("o")

@@ -7,9 +7,9 @@ import polars as pl
 from vibroswarm.core.numbers import count
 from vibroswarm.plots.error_bars import series_handle
 from vibroswarm.plots.inputs import tidy, with_series
-from vibroswarm.plots.layout import few_ticks, legend_below, number, plain_axes
+from vibroswarm.plots.layout import legend_below, number, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, INK, looks_of, style_named
+from vibroswarm.plots.style import FAINT, looks_of, style_named
 
 MOST_LABELS = 6
 """Lines whose frequency is written."""
@@ -31,46 +31,27 @@ def draw_spectrum(
         lines: one row per line with the columns ``hz, low, high, amplitude``; may be empty.
         label: of the amplitude, with its unit. title: above the picture. style: "column", "page" or "slide".
 
-    Returns:
-        Picture; its numbers are ``series, hz, amplitude``.
-
+    Returns: the picture; its numbers are ``series, hz, amplitude``.
     Raises:
         InputError: the frames are not as described.
     """
     sizes = style_named(style)
-    frame = tidy(frame, numbers=("hz", "amplitude"), complete=("hz", "amplitude"))
-    frame, series = with_series(frame)
-    if lines.height:
-        lines = tidy(
-            lines, numbers=("hz", "low", "high", "amplitude"), complete=("hz", "amplitude"),
-            bounds=[("low", "hz", "high")],
-        )  # fmt: skip
-    named = series if len(series) > 1 else []
+    frame, series = with_series(tidy(frame, numbers=("hz", "amplitude")))
     figure, axes = plain_axes(sizes, "frequency (Hz)", label, title=title)
     looks = looks_of(series)
     for name, look in zip(series, looks, strict=True):
         part = frame.filter(series=name).sort("hz")
-        axes.plot(
-            part["hz"],
-            part["amplitude"],
-            linestyle=look.line,
-            color=look.colour,
-            linewidth=0.8 * sizes.line_pt,
-        )
+        axes.plot(part["hz"], part["amplitude"], linestyle=look.line, color=look.colour)
     axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(lambda value, _: number(value))
     low, high = axes.get_ylim()
     axes.set_ylim(low, 1.6 * high)  # room for the frequencies above the lines
-    few_ticks(axes.xaxis, sizes)
     for place, row in enumerate(lines.sort("amplitude", descending=True).iter_rows(named=True)):
         axes.axvspan(row["low"], row["high"], color=FAINT, alpha=0.4, linewidth=0)
         if place < MOST_LABELS:
-            axes.annotate(
-                number(row["hz"], 4), (row["hz"], row["amplitude"]), xytext=(0, 2), textcoords="offset points",
-                ha="center", va="bottom", fontsize=sizes.small_pt, color=INK,
-            )  # fmt: skip
-    if named:
-        legend_below(figure, sizes, [series_handle(sizes, look, mark=False) for look in looks], named)
+            at = (row["hz"], row["amplitude"])
+            axes.annotate(number(row["hz"], 4), at, ha="center", va="bottom", fontsize="small")
+    if len(series) > 1:
+        legend_below(figure, sizes, [series_handle(look, mark=False) for look in looks], series)
     bands = f"; bands: 95 % intervals of {count(lines.height, 'line')}" if lines.height else ""
     caption = f"Amplitude of sines in the readings over frequency{bands}."
     return Picture(figure, frame.select("series", "hz", "amplitude"), caption)

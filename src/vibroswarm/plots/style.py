@@ -1,38 +1,23 @@
 """Colours, markers and sizes of pictures.
 
-Colours can be distinguished in grey print and by colour-blind readers. Every series also has a marker and a hatch of
-its own. The look of a series is its colour, marker, line and hatch.
+Colours can be told apart in grey print and by colour-blind readers: those of series lie at CIE L* 17 to 76, with hues
+that keep the smallest distance between any two large, also with protanopia and deuteranopia. Every series has a marker
+and a hatch of its own, and each strategy the same look in all pictures.
 
-Every colour of a picture has a name. ``themed_svg`` in ``picture.py`` writes it as a CSS variable with the
-colour as fallback, so that a page can show the same picture in dark colours.
-
-The colours of series lie at CIE L* 17, 30, 43, 55, 66 and 76. Their hues were chosen by search so that the smallest
-distance (CIE 1976) between any two is as large as possible, also as seen with protanopia and deuteranopia
-(Machado, Oliveira and Fernandes 2009, severity 1). A test measures both.
-
-Each strategy has the same colour and marker in all pictures, whatever is drawn beside it. A series belongs to a
-strategy if a part of its name is the name of the strategy: ``soft``, ``random:0.48, soft``, ``soft (gate own)``.
-Strategies of users get a pair of colour and marker that no built-in strategy has, by a hash of their name. The sources
-that a reproduction of the paper compares have fixed looks. All other series get looks in their order.
-
-There are three sizes: for a journal's column, for a page of two columns, and for a slide.
-
-Pictures are Figure objects; pyplot is never used. matplotlib has one set of settings for the whole process. They are
-changed only under a lock and restored afterwards, so that pictures may be drawn from any thread.
+Every colour has a name, which ``picture.themed_svg`` writes as a CSS variable, so that a page can show a picture in
+dark colours. There are three sizes, a file each: for a journal's column, a page of two columns, and a slide.
 """
 
 from __future__ import annotations
 
-import re
 import threading
 import warnings
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from itertools import product
+from pathlib import Path
+from typing import Final, NamedTuple
 
-from vibroswarm import strategies
 from vibroswarm.errors import check_choice
 
 INK: Final = "#1b1e23"
@@ -143,7 +128,7 @@ LINES: Final[tuple[tuple[int, tuple[float, ...]], ...]] = (
 )
 """Lines of series 0 to 5: for each the offset, and the lengths of dashes and gaps."""
 SERIES_UP_TO: Final = len(MARKERS)
-"""Largest number of series in a picture: each has a marker of its own."""
+"""Series that have markers of their own."""
 
 
 class Look(NamedTuple):
@@ -162,57 +147,32 @@ class Look(NamedTuple):
 
 
 def look(index: int) -> Look:
-    """Return the look of a series by its index, 0 to 11.
-
-    Each index has a marker and a hatch of its own. Colours and lines are repeated from 6 on.
-    """
-    return _look(index % len(SERIES), index)
+    """Return the look of a series by its index; they repeat from 12 on."""
+    return _look(index % len(SERIES), index % len(MARKERS))
 
 
-@dataclass(frozen=True)
-class Style:
-    """Sizes of a picture: its width and height in inches, its type and lines in points."""
+class Style(NamedTuple):
+    """Sizes of a picture, as in the file of the same name."""
 
     name: str
     width_in: float
     height_in: float
-    """Height of a picture with two numeric axes. A picture with a row for each cell grows, except on a slide."""
+    """Height of a picture with two numeric axes; one with a row for each cell grows."""
     font_pt: float
-    """Font size of labels and titles."""
     small_pt: float
-    """Font size of ticks, legends and names of rows."""
+    """Size of ticks, legends and names of rows."""
     line_pt: float
-    """Width of lines."""
     marker_pt: float
-    """Size of markers."""
     row_in: float
-    """Preferred height of one row."""
-    least_row_in: float
-    """Least height of one row."""
-    tallest_in: float
-    """Greatest height of a picture. Rows shrink to keep it; once they have their least height, it is exceeded."""
-    dots_per_inch: int
-
-    @property
-    def fixed_height(self) -> bool:
-        """Whether pictures keep ``height_in`` as long as their rows, at their least height, fit; true of a slide."""
-        return self.tallest_in == self.height_in
+    """Height of a row."""
+    dots_per_inch: int = 300
 
 
 STYLES: Final = {
-    "column": Style(
-        name="column", width_in=3.5, height_in=2.5, font_pt=8, small_pt=7, line_pt=1.1, marker_pt=3.6,
-        row_in=0.22, least_row_in=0.115, tallest_in=9.0, dots_per_inch=300,
-    ),
-    "page": Style(
-        name="page", width_in=7.2, height_in=3.8, font_pt=9, small_pt=8, line_pt=1.2, marker_pt=4.5,
-        row_in=0.24, least_row_in=0.125, tallest_in=9.4, dots_per_inch=300,
-    ),
-    "slide": Style(
-        name="slide", width_in=13.333, height_in=7.5, font_pt=20, small_pt=16, line_pt=2.6, marker_pt=10,
-        row_in=0.55, least_row_in=0.2, tallest_in=7.5, dots_per_inch=150,
-    ),
-}  # fmt: skip
+    "column": Style("column", 3.5, 2.5, 8, 7, 1.1, 3.6, 0.22),
+    "page": Style("page", 7.2, 3.8, 9, 8, 1.2, 4.5, 0.24),
+    "slide": Style("slide", 13.333, 7.5, 20, 16, 2.6, 10, 0.55, 150),
+}
 """``column`` is 89 mm wide with type of 8 pt, ``page`` 183 mm with 9 pt, ``slide`` is 16:9 with 20 pt."""
 
 MATPLOTLIB_LOCK: Final = threading.RLock()
@@ -230,70 +190,15 @@ def style_named(name: str) -> Style:
 
 
 @contextmanager
-def settings(style: Style | None = None) -> Iterator[None]:
-    """Use matplotlib's own defaults with the changes of a style (by default "page") until the end of the block.
-
-    The block holds ``MATPLOTLIB_LOCK``, so that other threads that draw wait. Warnings about letters that the font does
-    not have are suppressed: in SVG and HTML, the program of the reader shows these letters in a font of its own.
-    """
+def settings(style: Style = STYLES["page"]) -> Iterator[None]:
+    """Use matplotlib's defaults with the changes of a style until the end of the block; other threads wait."""
     from matplotlib import style as styles
 
+    files = [Path(__file__).with_name(f"{name}.mplstyle") for name in ("base", style.name)]
     with MATPLOTLIB_LOCK, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=r"Glyph \d+")
-        with styles.context(["default", _matplotlib_settings(style or STYLES["page"])]):
+        warnings.filterwarnings("ignore", message=r"Glyph \d+")  # readers' programs have other fonts
+        with styles.context(["default", *files]):
             yield
-
-
-def _matplotlib_settings(style: Style) -> dict[str, Any]:
-    thin = style.line_pt * 0.6
-    return {
-        "font.family": "sans-serif",
-        "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],  # the first comes with matplotlib
-        "font.size": style.font_pt,
-        "axes.titlesize": style.font_pt,
-        "axes.labelsize": style.font_pt,
-        "xtick.labelsize": style.small_pt,
-        "ytick.labelsize": style.small_pt,
-        "legend.fontsize": style.small_pt,
-        "legend.frameon": False,
-        "legend.handlelength": 2.2,
-        "text.parse_math": False,  # a name may hold a dollar
-        "text.color": INK,
-        "axes.labelcolor": INK,
-        "axes.edgecolor": INK,
-        "xtick.color": INK,
-        "ytick.color": INK,
-        "axes.facecolor": PAPER,
-        "figure.facecolor": PAPER,
-        "savefig.facecolor": PAPER,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.linewidth": thin,
-        "xtick.major.width": thin,
-        "ytick.major.width": thin,
-        "xtick.minor.width": thin / 2,
-        "ytick.minor.width": thin / 2,
-        "xtick.major.size": style.font_pt * 0.4,
-        "ytick.major.size": style.font_pt * 0.4,
-        "grid.color": LINE,
-        "grid.linewidth": thin,
-        "axes.axisbelow": True,
-        "axes.unicode_minus": True,
-        "lines.linewidth": style.line_pt,
-        "lines.markersize": style.marker_pt,
-        "patch.linewidth": thin,
-        "hatch.linewidth": thin,
-        "hatch.color": INK,
-        "axes.labelpad": style.font_pt * 0.4,
-        "axes.titlepad": style.font_pt * 0.6,
-        "svg.fonttype": "none",  # letters stay text: they can be found, read aloud and scaled
-        "svg.hashsalt": "vibroswarm",
-        "pdf.fonttype": 42,  # TrueType, as journals ask
-        "ps.fonttype": 42,
-        "path.simplify": True,
-        "figure.constrained_layout.h_pad": style.font_pt * 0.4 / 72,
-        "figure.constrained_layout.w_pad": style.font_pt * 0.4 / 72,
-    }
 
 
 BUILT_IN: Final[dict[str, tuple[int, int]]] = {
@@ -330,101 +235,25 @@ SOURCES: Final = {
 """For each source of a reproduction of the paper (recordings, published numbers, presets) the index of its look. Never
 change them. In a picture with two sources of the same index, looks are given in order instead."""
 
-WORDS: Final = {"no feedback": "none", "positive feedback": "positive", "soft feedback": "soft"}
-"""Other names of strategies in pictures."""
-
-
-def strategy_in(name: str) -> str | None:
-    """Return the strategy that the name of a series contains, or None.
-
-    The name is divided into parts at commas and parentheses. A part names a strategy if it is the name of a strategy,
-    or begins with it and continues with other words after a space. The other names of strategies in ``WORDS`` count as
-    well. The first strategy found is returned.
-    """
-    known = strategies.known()
-    for part in re.split(r"[,()]", name):
-        words = part.strip().split(" ")
-        for count in range(len(words), 0, -1):  # the whole part, then ever fewer of its first words
-            beginning = " ".join(words[:count])
-            strategy = WORDS.get(beginning, beginning)
-            if strategy in known:
-                return strategy
-    return None
-
 
 def looks_of(names: Sequence[str]) -> list[Look]:
-    """Return the look of each series; no two have the same pair of marker and colour.
-
-    Three cases: (1) Some names contain strategies. The series of a strategy has the look of this strategy; but if an
-    earlier series has its marker and colour already, such as one of the same strategy, it has another marker and maybe
-    another colour. The other series have colours that none of these strategies has, if such colours exist. (2) No name
-    contains a strategy, and all are names of ``SOURCES`` with different indices: they have the looks of the sources.
-    (3) Otherwise the k-th series has the look k.
-
-    Args:
-        names: of the series, each once, in the order in which they are drawn; at most ``SERIES_UP_TO``, as
-            ``inputs.with_series`` and ``row_looks`` check.
-    """
-    strategy_of = [strategy_in(name) for name in names]
-    if not any(strategy_of):
-        fixed = [SOURCES[name] for name in names if name in SOURCES]
-        all_fixed = len(set(fixed)) == len(names)
-        return [look(index) for index in (fixed if all_fixed else range(len(names)))]
-    used = {_colour_and_marker(strategy)[0] for strategy in strategy_of if strategy}
-    free = [k for k in range(len(SERIES)) if k not in used] or list(range(len(SERIES)))
-    looks: list[Look] = []
-    taken: set[tuple[int, int]] = set()
-    for index, strategy in enumerate(strategy_of):
-        if strategy:
-            colour, marker = _colour_and_marker(strategy)
-        else:
-            others = strategy_of[:index].count(None)  # number of earlier series without a strategy
-            colour = free[others % len(free)]
-            # The marker has the index of the colour, so that it is filled; or the number of earlier series if that is
-            # larger, so that repeated colours have other markers.
-            marker = max(colour, others % len(MARKERS))
-        # If an earlier series has this pair, such as one of the same strategy, the next marker is taken. After the last
-        # marker, the colour changes as well.
-        while (colour, marker) in taken:
-            marker = (marker + 1) % len(MARKERS)
-            colour = colour if marker else (colour + 1) % len(SERIES)
-        taken.add((colour, marker))
-        looks.append(_look(colour, marker, again=strategy_of[:index].count(strategy) if strategy else 0))
-    return looks
+    """Return the look of each series: its own if it is a strategy or a source, else one that these do not have."""
+    fixed = BUILT_IN | {name: (index, index) for name, index in SOURCES.items()}
+    taken = {fixed[name] for name in names if name in fixed}
+    places = [(k % len(SERIES), k) for k in range(len(MARKERS))]
+    free = [
+        pair for pair in (*places, *product(range(len(SERIES)), range(len(MARKERS)))) if pair not in taken
+    ]
+    others = [name for name in names if name not in fixed]
+    return [
+        _look(*(fixed[name] if name in fixed else free[others.index(name) % len(free)])) for name in names
+    ]
 
 
 def row_looks(names: Sequence[str]) -> dict[str, Look]:
-    """Return the looks of rows by name, if rows are named after strategies.
-
-    The result is empty if no name contains a strategy, or if there are more rows than markers.
-    """
-    if len(names) > len(MARKERS) or not any(map(strategy_in, names)):
-        return {}
-    return dict(zip(names, looks_of(names), strict=True))
+    """Return the looks of rows by name, if any is a strategy; else none."""
+    return dict(zip(names, looks_of(names), strict=True)) if not set(names).isdisjoint(BUILT_IN) else {}
 
 
-def _colour_and_marker(strategy: str) -> tuple[int, int]:
-    """Return the indices of a strategy's colour and marker; a user's gets a pair that no built-in strategy has.
-
-    A hash of its name chooses the pair, so that it is the same in all pictures.
-    """
-    if strategy in BUILT_IN:
-        return BUILT_IN[strategy]
-    used = set(BUILT_IN.values())
-    free = [(c, m) for m in range(len(MARKERS)) for c in range(len(SERIES)) if (c, m) not in used]
-    return free[zlib.crc32(strategy.encode()) % len(free)]
-
-
-def _look(colour: int, marker: int, again: int = 0) -> Look:
-    """Return the look with these indices of colour and marker; the hatch has the index of the marker.
-
-    ``again`` is the number of earlier series of the same strategy; the line differs from theirs. A marker is filled if
-    its index is that of the colour, as for the first series in ``look``; all other markers are open.
-    """
-    return Look(
-        colour=SERIES[colour],
-        marker=MARKERS[marker],
-        line=LINES[(colour + again) % len(LINES)],
-        hatch=HATCHES[marker],
-        hollow=marker != colour,
-    )
+def _look(colour: int, marker: int) -> Look:
+    return Look(SERIES[colour], MARKERS[marker], LINES[colour], HATCHES[marker], hollow=marker >= len(SERIES))

@@ -33,17 +33,18 @@ def of_detection(detection: Detection) -> Report:
     end, alarms = stated(scenario.run.t_end_s), stated_percent(detection.false_alarms)
     found_caption = f"Floors above the boundary; empty: not found by {end} s."
     needed_caption = f"By {end} s, with upper limits (95 %, Wilson) that must be below what is tolerated."
-    titles = {"fill_ratio_below": f"at most {alarms} false alarms on floors up to", "time_s": "found within"}
+    titles = {
+        "fill_ratio_below_share": f"at most {alarms} false alarms on floors up to",
+        "time_s": "found within",
+    }
     knows = known_beyond([scenario])[0]
     parts: dict[str, Table | Figure] = {
         "found": Table(_as_shares(hardest), "Found", found_caption, titles),
-        "needed": Table(_needed(tables["needed"]), "Every floor", needed_caption, NEEDED),
+        "every_floor": Table(
+            _needed(tables["needed"], scenario.run.t_end_s), "Every floor", needed_caption, NEEDED
+        ),
         **dict(_figures(detection)),
-        **{
-            name: Table(_as_shares(tables[name]), title, folded=True)
-            for name, title in FOLDED.items()
-            if name in tables
-        },
+        **{name: Table(tables[name], title, folded=True) for name, title in FOLDED.items() if name in tables},
     }
     asked = setting(scenario, ("floor.source", "swarm.robots"))
     runs = f"{count(detection.runs, 'run')} each, seed {detection.seed}"
@@ -58,6 +59,7 @@ def of_detection(detection: Detection) -> Report:
 
 
 FOLDED: Final = {
+    "needed": "Every floor, all columns",
     "maps": "Maps",
     "detection": "Misses and false alarms over time",
     "pairs": "All pairs of floors",
@@ -99,7 +101,9 @@ def _as_shares(frame: pl.DataFrame) -> pl.DataFrame:
     return frame.rename({old: new for old, new in renamed.items() if old in frame.columns})
 
 
-def _needed(needed: pl.DataFrame) -> pl.DataFrame:
+def _needed(needed: pl.DataFrame, t_end_s: float) -> pl.DataFrame:
+    """Select misses and false alarms at the end, and times; a missing one of false alarms is that of the whole run."""
+    clear = pl.when(pl.col("truth") == 0).then(pl.col("clear_until_s").fill_null(t_end_s))
     columns = (
         "fill_ratio",
         "robots",
@@ -111,7 +115,7 @@ def _needed(needed: pl.DataFrame) -> pl.DataFrame:
         "clear_until_s",
     )
     highs = {"missed_high": "missed_limit_share", "false_alarm_high": "false_alarm_limit_share"}
-    return _as_shares(needed.select(columns).rename(highs))
+    return _as_shares(needed.with_columns(clear_until_s=clear).select(columns).rename(highs))
 
 
 def _answer(hardest: pl.DataFrame, detection: Detection) -> Iterator[str]:
@@ -126,7 +130,7 @@ def _answer(hardest: pl.DataFrame, detection: Detection) -> Iterator[str]:
         return
     for (robots,), rows in hardest.group_by("robots", maintain_order=True):
         nearest = rows.drop_nulls("time_s").sort("fill_ratio").head(1).to_dicts()
-        who = f"{count(robots, 'robot')} with {scenario.strategy.name}"  # type: ignore[arg-type]
+        who = f"{count(robots, 'robot')} with {scenario.strategy.name}"
         if not nearest:
             yield f"{who}: none of these floors within {stated(scenario.run.t_end_s)} s."
             continue

@@ -1,4 +1,7 @@
-"""The report of a result: of one run, who decided what, when, how sure; of several, how their swarms decided."""
+"""The report of a result: of one run, who decided what, when, how sure; of several, how their swarms decided.
+
+Names of its tables are not those of the tables of a result, which may be in the same folder.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +97,7 @@ def _of_runs(result: Result) -> Report:
     return Report(
         title=f"{count(frame.height, 'run')} of {result.scenario.strategy.name}",
         answer=(answer,),
-        parts={"runs": Table(frame, "Runs", titles={"consensus": "outcome"})},
+        parts={"each_run": Table(frame, "Runs", titles={"consensus": "outcome"})},
         setting=f"{setting(result.scenario)}{_origin(result)}",
         warnings=tuple(_failures(result)),
         made_by=_made_by(result),
@@ -136,7 +139,7 @@ def _robot_tables(result: Result, swarm: Verdict, run: int) -> Iterator[tuple[st
     frame = _with_faults(result, _robots(swarm), run)
     if is_large and "decision" in frame.columns:
         yield "decisions", Table(_by_decision(frame), "Decisions", "Means over robots.", {"robot": "robots"})
-    yield "robots", Table(frame, "Robots", caption, {"posterior": estimate}, folded=is_large)
+    yield "each_robot", Table(frame, "Robots", caption, {"posterior": estimate}, folded=is_large)
 
 
 def _robots(swarm: Verdict) -> pl.DataFrame:
@@ -201,7 +204,7 @@ def _reported(result: Result, run: int) -> Iterator[tuple[str, Table | Figure]]:
     if last.height:
         frame = last.pivot("name", index="robot", values="value")
         titles = report_headings(result, frame.columns[1:])
-        yield "reports", Table(frame, "What robots reported last", titles=titles)
+        yield "last_reports", Table(frame, "What robots reported last", titles=titles)
     if reports.height:
         yield "reports_over_time", Figure(partial(draw_run_reports, result, run), "Reports over time")
 

@@ -42,8 +42,12 @@ def read(path: Path) -> Report:
     return Report(values["title"], parts=parts, setting=values["setting"], made_by=values["made_by"], **texts)
 
 
-def save(report: Report, folder: Path, *, page: bool = True) -> None:
-    """Write a report into a folder; what is there already, as long as the report says the same, is not drawn again."""
+def save(report: Report, folder: Path, *, page: bool = True, tables: bool = True) -> None:
+    """Write a report into a folder; what is there already, as long as the report says the same, is not drawn again.
+
+    Args:
+        page: whether there is a page. tables: whether tables are files too; JSON has them all.
+    """
     make_folder(folder)
     text = json.dumps(data(report), indent=1, allow_nan=False)
     path = folder / DATA
@@ -53,7 +57,7 @@ def save(report: Report, folder: Path, *, page: bool = True) -> None:
 
         write_file(folder / REPORT, page_of(report))
     if not is_there:
-        for name, table in report.tables.items():
+        for name, table in report.tables.items() if tables else ():
             save_table(table.frame, folder / name)
         write_file(path, text)
 
@@ -72,7 +76,8 @@ def save_pictures(report: Report, folder: Path) -> None:
 
 
 def _frame(path: Path, rows: list[dict[str, Any]]) -> pl.DataFrame:
-    return pl.read_parquet(path) if path.is_file() else pl.DataFrame(rows, infer_schema_length=None)
+    is_ours = path.with_suffix(".csv").is_file()  # a result has tables of the same names, as Parquet alone
+    return pl.read_parquet(path) if is_ours else pl.DataFrame(rows, infer_schema_length=None)
 
 
 def _finite(value: Any) -> Any:

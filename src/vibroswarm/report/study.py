@@ -10,7 +10,7 @@ import polars as pl
 from vibroswarm.core.numbers import count, counts, listed, some, stated, stated_percent
 from vibroswarm.report.format import Value, format_of, write_value
 from vibroswarm.report.knowledge import known_beyond, setting, versions_by_name
-from vibroswarm.report.report import Report, Table, report
+from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.report.study_answer import answer
 from vibroswarm.report.study_pictures import pictures
 from vibroswarm.scenario.fault_draws import fault_words
@@ -52,7 +52,7 @@ def of_runs(runs: Runs, **options: Any) -> Report:
 def of_study(outcome: Outcome, scores: CellScores | None = None) -> Report:
     """Return what a study says, and the scores of its cells under a cost."""
     runs, names = outcome.runs, _figures(outcome)
-    parts = {
+    parts: dict[str, Table | Figure] = {
         **({} if scores is None else {"scores": _scores(scores)}),
         **dict(_outcome_tables(outcome, names)),
         **dict(pictures(outcome)),

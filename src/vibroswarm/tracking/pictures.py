@@ -88,7 +88,6 @@ def draw_time_line(
             numbers += [(robot, mark, *span) for span in own]
     rows.axes.set_xlim(*span_s)
     legend_below(rows.figure, sizes, list(handles.values()), list(handles))
-    rows.settle(sizes)  # sets the height of the figure, now that all is drawn
     schema = {"robot": pl.Int64, "mark": pl.String, "start_s": pl.Float64, "end_s": pl.Float64}
     return Picture(
         rows.figure, pl.DataFrame(numbers, schema=schema, orient="row"), "When robots stood.", style
