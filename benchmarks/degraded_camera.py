@@ -33,7 +33,7 @@ from vibroswarm import preset, simulate
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 from vibroswarm.tracking.camera import lens_from_chessboard
-from vibroswarm.tracking.doubts import TITLES, doubts_of
+from vibroswarm.tracking.doubts import doubts_of
 from vibroswarm.tracking.markers import Markers, dictionary_of, usual_markers
 from vibroswarm.tracking.track import Tracking, track
 from vibroswarm.tracking.video_file import frames_of
@@ -230,8 +230,8 @@ def errors_m(tracking: Tracking, times_s: Floats, poses: Floats) -> Floats:
 
 def told(tracking: Tracking) -> str:
     """Return what the user is told: kinds of doubts with their numbers, and the beginnings of warnings."""
-    kinds = [doubt.kind for doubt in doubts_of(tracking)]
-    counted = [f"{TITLES[kind].lower()} ({kinds.count(kind)})" for kind in dict.fromkeys(kinds)]
+    kinds = doubts_of(tracking)["kind"].to_list()
+    counted = [f"{kind} ({kinds.count(kind)})" for kind in dict.fromkeys(kinds)]
     warned = [words.split(": ")[0].split("; ")[0] for words in tracking.warnings()]
     return "; ".join(counted + warned) or "nothing is doubtful"
 

@@ -6,7 +6,6 @@
     python benchmarks/intervals_hold.py fit [--studies 33] [--sessions 1]  # camera and laws of `calibrate fit`
     python benchmarks/intervals_hold.py rays [--studies 60] [--sessions 3] # its rays and turns
     python benchmarks/intervals_hold.py slow [--studies 60] [--sessions 1] # its slow share of veers
-    python benchmarks/intervals_hold.py match [--studies 300]         # its variation between sessions
 
 Laws of runs, differences and speeds are drawn in place of simulated swarms; ``fit``, ``rays`` and ``slow`` simulate
 presets and fit them, in .3 to three seconds of CPU for each session.
@@ -17,27 +16,17 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
-from itertools import product
 from typing import Any
 
 import numpy as np
 
 from vibroswarm.calibrate.camera import Camera, seen_through
 from vibroswarm.calibrate.dataset import dataset_of
-from vibroswarm.calibrate.few_groups import drawn_variances, evenly_drawn, limits_of, limits_of_bootstrap
+from vibroswarm.calibrate.few_groups import limits_of, limits_of_bootstrap
 from vibroswarm.calibrate.fit_camera import fit_camera
-from vibroswarm.calibrate.fit_drive import (
-    BEND,
-    ERROR,
-    MEAN,
-    START,
-    _matched,
-    _speed_between_sessions,
-    fit_drive,
-)
+from vibroswarm.calibrate.fit_drive import fit_drive
 from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
-from vibroswarm.core.arrays import Floats
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 from vibroswarm.statistics.intervals import Interval, bounded_mean, mean_interval, pseudo_values
@@ -55,7 +44,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parts: dict[str, tuple[Callable[..., None], int]] = {
         "runs": (of_runs, 2000), "margin": (at_margin, 600), "sessions": (among_sessions, 6000), "fit": (of_fit, 33),
-        "rays": (of_rays, 60), "slow": (of_slow_share, 60), "match": (of_matched, 300),
+        "rays": (of_rays, 60), "slow": (of_slow_share, 60),
     }  # fmt: skip
     parser.add_argument("part", choices=parts)
     parser.add_argument("--studies", type=int, help="how many; more than 0")
@@ -206,67 +195,6 @@ def of_slow_share(studies: int, random: np.random.Generator, sessions: int = 1) 
             rows.append((found.values["slow_share"], *(bool(low <= slow <= high) for low, high in limits)))
         mean, plain, wider = np.mean(rows, axis=0)
         print(f"slow share {slow}: fitted {mean:.3f}; plain draws hold {plain:.2f}, wider {wider:.2f}")
-
-
-SPEED_M_S, ERROR_M_S, BEND_OF_SESSION_PER_M = 0.06, 0.0009, 0.2
-"""Mean speed of robots, the error of a speed, and how far a bend varies between sessions."""
-OF_MATCHES = ((5, 3, 8.7, 1.4), (5, 3, 4.0, 0.7), (5, 3, 2.0, 0.5), (5, 3, 1.0, 0.3), (5, 8, 1.0, 0.3),
-              (20, 3, 8.7, 1.4), (20, 3, 2.0, 0.5))  # fmt: skip
-"""Robots, sessions, and how far robots differ in speed, mm/s, and in bend, rad/m."""
-
-
-def of_matched(studies: int, random: np.random.Generator) -> None:
-    """Variation of speeds between sessions: robots matched, robots known, and by the means of sessions alone."""
-    for (robots, sessions, apart_mm_s, bend_apart_per_m), truth in product(OF_MATCHES, (0.02, 0.0)):
-        rows = []
-        for _ in range(studies):
-            known = _lines_of(robots, sessions, apart_mm_s, bend_apart_per_m, truth, random)
-            matched = _matched(known.reshape(-1, ERROR + 1), np.repeat(np.arange(sessions), robots))
-            if matched is None:
-                continue
-            found = [_speed_between_sessions(own, 199) for own in (matched, known)]
-            found.append(_by_means_of_sessions(known))
-            limits = [limits_of(draws) for _, draws in found]
-            rows.append([(value, *limit) for (value, _), limit in zip(found, limits, strict=True)])
-        values, low, high = np.moveaxis(np.array(rows), 2, 0)
-        rms, off = (100 * np.sqrt(np.mean(each**2, axis=0)) for each in (values, values - truth))
-        hold = ((low <= truth) & (truth <= high)).mean(axis=0)
-        print(
-            f"{robots} robots, {sessions} sessions, {apart_mm_s} mm/s apart, {100 * truth:.0f} %; {len(rows)} studies"
-        )
-        for k, name in enumerate(("matched", "known", "means")):
-            print(
-                f"    {name}: rms {rms[k]:.2f} %, off by {off[k]:.2f} points, "
-                f"limits hold {hold[k]:.2f}, upper {100 * np.median(high[:, k]):.1f} %"
-            )
-
-
-def _lines_of(
-    robots: int,
-    sessions: int,
-    apart_mm_s: float,
-    bend_apart_per_m: float,
-    between: float,
-    random: np.random.Generator,
-) -> Floats:
-    """Draw what a fit reads of each robot in each session, (sessions, robots, ERROR + 1)."""
-    table = np.full((sessions, robots, ERROR + 1), np.nan)
-    body_m_s = random.normal(SPEED_M_S, apart_mm_s / 1000.0, robots)
-    starts = body_m_s * random.normal(1.0, between, (sessions, robots))
-    table[:, :, START] = starts + random.normal(0.0, ERROR_M_S, starts.shape)
-    bends = random.normal(0.0, bend_apart_per_m, robots)
-    table[:, :, BEND] = bends + random.normal(0.0, BEND_OF_SESSION_PER_M, starts.shape)
-    table[:, :, MEAN], table[:, :, ERROR] = table[:, :, START], ERROR_M_S
-    return table
-
-
-def _by_means_of_sessions(known: Floats) -> tuple[float, Floats]:
-    """Return the variation within robots that the means of sessions show, and draws of it."""
-    sessions, robots, _ = known.shape
-    total = robots * known[:, :, START].mean(axis=1).var(ddof=1) / SPEED_M_S**2
-    noise = (ERROR_M_S / SPEED_M_S) ** 2
-    drawn = drawn_variances(total, sessions - 1, evenly_drawn(199, 1, "means")) - noise
-    return math.sqrt(max(total - noise, 0.0)), np.sqrt(np.maximum(drawn, 0.0))
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ BASE: Final = "paper-empirical"
 def fitted_fields(folder: Path) -> dict[str, Any]:
     """The fields that are fitted to all sessions."""
     recordings = dataset_of([read_recordings(folder, REAL)])
-    fields: dict[str, Any] = fit(recordings, preset(BASE)).as_dict()["fields"]
+    fields: dict[str, Any] = fit(recordings, preset(BASE)).changed
     Scenario.from_base({"preset": BASE}).with_values(fields)
     return fields
 
@@ -59,16 +59,9 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def fits_table() -> str:
-    """What each fit estimates, from which intervals, with which error."""
-    rows = []
-    for source in FITS:
-        sections: dict[str, list[str]] = {}
-        for name in source.fields:
-            section, _, field = name.rpartition(".")
-            sections.setdefault(section, []).append(field)
-        fields = "; ".join(f"`[{section}]` {', '.join(own)}".rstrip() for section, own in sections.items())
-        rows.append([source.name, fields, source.intervals, source.error])
-    return table(["fit", "fields", "from which intervals between samples", "error"], rows)
+    """What each fit estimates, from which samples or intervals, with which error."""
+    rows = [[step.__name__.lstrip("_"), (step.__doc__ or "").partition("\n")[0]] for step in FITS]
+    return table(["fit", "what it estimates"], rows)
 
 
 def write_page() -> None:

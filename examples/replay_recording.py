@@ -11,9 +11,9 @@ from pathlib import Path
 from vibroswarm import Floor, preset
 from vibroswarm.floors import read_tiles
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.replay import logged_outcomes, replay_recording, session_outcomes
-from vibroswarm.recordings.threshold import find_thresholds
+from vibroswarm.recordings.threshold import find_threshold
 
 
 def main(draws: int) -> None:
@@ -30,9 +30,9 @@ def main(draws: int) -> None:
         for session in session_outcomes(recording, replayed):
             print(f"session {session.session}, {strategy}: {session.decision_time_s:.1f} s on average")
 
-    for found in find_thresholds(recording):
-        print(f"threshold by {found.rule}: {found.value:.2f} [{found.low:.2f}, {found.high:.2f}]")
-        print(f"  {found.decidable.says}")
+    found = find_threshold(recording)
+    print(f"threshold by {found.rule}: {found.value:.2f} [{found.low:.2f}, {found.high:.2f}]")
+    print(f"  {found.decidable.says}")
 
 
 if __name__ == "__main__":

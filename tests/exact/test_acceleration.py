@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import polars as pl
 import pytest
 from scipy.signal import lfilter
 
-import vibroswarm as v
-from helpers.closed_loop import followed, reads_as_tables
 from vibroswarm.floors.floor import Place
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.observation.observe import sense_program
@@ -20,12 +17,10 @@ from vibroswarm.sensors import Samples, sensor
 from vibroswarm.sensors.acceleration import (
     GRAVITY_M_S2,
     accelerations,
-    add_noise,
     response,
     sensing,
 )
 from vibroswarm.sensors.base import STUDY_GRID
-from vibroswarm.testing.sensor import check_sensor
 
 QUIET = {
     f"sensor.acceleration.{name}": 0.0
@@ -103,10 +98,6 @@ def test_a_coupled_pair_moves_as_its_closed_solution(frequency_hz: float) -> Non
     )
 
 
-def test_tiles_that_are_all_driven_slowly_alike_move_as_they_are_driven() -> None:
-    assert response((3, 4), 1e-3, quiet(coupling=0.3).sensor.params).sum(axis=1) == pytest.approx(1.0)
-
-
 def test_robots_feel_the_pair() -> None:
     """Without chance a sample on either tile is the sine of the closed solution."""
     p = quiet(motor_hz=(100.0,)).sensor.params
@@ -125,39 +116,6 @@ def test_robots_feel_the_pair() -> None:
     assert np.abs(beside.real).max() < 1e-9  # a quarter of a turn apart
 
 
-def test_straddling_robots_feel_the_root_mean_square_of_both_tiles() -> None:
-    p = quiet(feet_m=0.04, coupling=0.0).sensor.params
-    found = accelerations(samples_at([0.2] * 200, [1, 0]), p)
-    heights = np.abs(found[:, 2] - GRAVITY_M_S2).max(axis=1)
-    assert heights == pytest.approx(p.amplitude_m_s2 * math.sqrt(0.5), rel=0.01)
-    # 15 mm from the edge, feet 20 mm from the middle are on both sides in directions within acos(0.75) of across it.
-    lateral = quiet(feet_m=0.04, coupling=0.0, lateral=0.1).sensor.params
-    found = accelerations(samples_at([0.185] * 400, [1, 0]), lateral)
-    heights = np.abs(found[:, 2] - GRAVITY_M_S2).max(axis=1)
-    straddles = heights < 0.85 * p.amplitude_m_s2
-    assert heights[straddles] == pytest.approx(p.amplitude_m_s2 * math.sqrt(0.5), rel=0.01)
-    assert straddles.mean() == pytest.approx(math.acos(0.75) / (math.pi / 2), abs=0.1)
-    # The horizontal motion is in the direction of the feet.
-    assert (np.abs(found[:, 0]).max(axis=1) / heights)[straddles].min() > 0.07
-    # Feet of a large robot are five tiles apart, or off the row: of those on it, the farther one was not felt.
-    row = [1] * 12
-    far = MODEL.sensed(samples_at([1.3] * 2000, row, 12), quiet(feet_m=1.0, coupling=0.0).sensor.params)[:, 0]
-    one = MODEL.sensed(samples_at([1.3], row, 12), quiet(coupling=0.0).sensor.params)[0, 0]
-    assert (far[far > 0.0] ** 2).mean() == pytest.approx(one**2, rel=0.2)
-
-
-def test_noise_has_its_standard_deviation_and_no_memory() -> None:
-    p = quiet(noise_m_s2=0.5).sensor.params
-    noise = accelerations(samples_at([0.1] * 200, [0, 0]), p) - np.array([0, 0, GRAVITY_M_S2])[:, None]
-    assert noise.std(axis=(0, 2)) == pytest.approx([0.5] * 3, rel=0.01)
-    lagged = (noise[..., 1:] * noise[..., :-1]).mean()
-    assert abs(lagged) < 4 * 0.25 / math.sqrt(noise.size)
-    assert abs((noise[:, 0] * noise[:, 2]).mean()) < 4 * 0.25 / math.sqrt(noise[:, 0].size)
-    gains = quiet(noise_m_s2=0.5, gain_spread=0.3).sensor.params  # robots' accelerometers magnify noise too
-    spreads = [accelerations(samples_at([0.1], [0, 0], robot=k), gains)[0, :2].std() for k in range(100)]
-    assert np.log(spreads).std() == pytest.approx(0.3, rel=0.2)
-
-
 def logs(samples: Samples, **fields: object) -> np.ndarray:
     """Logarithms of the energies of samples, without any other chance than that of fields."""
     return np.log(MODEL.sensed(samples, quiet(**fields).sensor.params)[:, 0])
@@ -171,44 +129,6 @@ def test_motors_keep_their_amplitude_for_a_time_and_are_felt_alike_by_all_robots
     assert held.mean(axis=1).std() == pytest.approx(0.5, rel=0.2)
     assert np.corrcoef(held.mean(axis=1)[1:], held.mean(axis=1)[:-1])[0, 1] == pytest.approx(0.0, abs=0.2)
     assert np.abs(one - other).max() < 0.02
-
-
-def test_motors_wander_in_frequency_as_stated_and_apart_from_their_amplitude() -> None:
-    p = quiet(motor_hz=(100.0,), frequency_jitter=0.02, motor_jitter=0.5, coupling=0.0).sensor.params
-    wave = accelerations(samples_at([0.1] * 300, [1, 0], every_s=10.0), p)[:, 2] - GRAVITY_M_S2
-    middle, beside = wave[:, 1:-1], wave[:, 2:] + wave[:, :-2]  # beside = 2 cos(2 pi f / rate) middle
-    share = np.arccos((middle * beside).sum(axis=1) / (2.0 * (middle**2).sum(axis=1))) / (2.0 * math.pi)
-    assert (share * p.rate_hz).mean() == pytest.approx(100.0, abs=0.5)
-    assert (share * p.rate_hz).std() == pytest.approx(2.0, rel=0.15)
-    assert np.corrcoef(share, np.log((wave**2).mean(axis=1)))[0, 1] == pytest.approx(0.0, abs=0.2)
-
-
-def test_motors_differ_for_a_run_and_robots_do() -> None:
-    times = {"every_s": 30.0}
-    tiles = [logs(samples_at([0.1] * 5, [1, 0], run=run, **times), motor_spread=0.3) for run in range(200)]
-    assert np.ptp(tiles, axis=1).max() < 0.02
-    assert np.mean(tiles, axis=1).std() == pytest.approx(0.3, rel=0.15)
-    # Two tiles of a run differ, and so do two robots; of motors that do not differ robots feel the same.
-    far, gains = {"coupling": 0.0, "motor_spread": 0.3}, {"gain_spread": 0.2}
-    pairs = np.array([logs(samples_at([0.1, 0.3], [1, 1], run=run), **far) for run in range(200)])
-    assert abs(np.corrcoef(pairs.T)[0, 1]) < 0.2
-    robots = np.array([logs(samples_at([0.1], [1, 0], robot=k), **gains)[0] for k in range(200)])
-    assert robots.std() == pytest.approx(0.2, rel=0.15)
-    runs = np.array([logs(samples_at([0.1], [1, 0], run=run), **gains)[0] for run in range(200)])
-    assert runs.std() == pytest.approx(0.2, rel=0.15)
-
-
-def test_motors_of_kinds_have_their_shares_of_the_amplitude() -> None:
-    samples, base = samples_at([0.1, 0.3], [1, 2]), quiet(coupling=0.0).with_values(SEVERAL)
-    section = "sensor.acceleration"
-    even, uneven = (
-        MODEL.sensed(samples, base.with_values(motors).sensor.params)[:, 0]
-        for motors in (
-            {f"{section}.motor_hz": (100.0, 140.0)},
-            {f"{section}.motor_hz": (100.0, 140.0), f"{section}.amplitude_shares": (1.0, 0.25)},
-        )
-    )
-    assert uneven == pytest.approx(even * [1.0, 0.25], rel=0.01)
 
 
 def test_the_window_is_the_chains() -> None:
@@ -226,49 +146,11 @@ def test_the_window_is_the_chains() -> None:
     assert (program.rate_hz, program.signal_ms, program.settle_ms) == (1000.0, 250.0, 750.0)
 
 
-def test_it_is_a_sensor() -> None:
-    assert [finding for finding in check_sensor("acceleration") if not finding.holds] == []
-
-
 def test_the_energies_are_near_the_recordings() -> None:
     """Rates of the study's robots at theta_E 1.55, on floors at random."""
     positive, negative = error_rates(scenario().with_values({"sensor.rms_threshold": 1.55}).sensor)
     assert positive == pytest.approx(0.11, abs=0.03)
     assert negative == pytest.approx(0.22, abs=0.05)
-
-
-def test_shares_of_one_threshold_are_not_those_of_another() -> None:
-    shares = [
-        MODEL.shares_up_to(0, np.ones(1), scenario().with_values({"sensor.rms_threshold": at}).sensor.params)
-        for at in (0.5, 1.0, 2.0)
-    ]
-    assert shares[0] < shares[1] < shares[2]
-
-
-def test_closed_loop_and_tables_are_equal() -> None:
-    """A sensor of this kind that fails, on a floor that stays, is among the ways of ``test_faults``."""
-    changing = scenario().with_values(
-        {
-            "run.t_end_s": 150.0,
-            "sensor.rms_threshold": 1.2,
-            "decision.min_observations": 20,
-            "change.at_s": [50, 120],
-            "change.to": ["random:0.2", "random:0.8"],
-        }
-    )
-    assert reads_as_tables(*followed(changing.with_values({"strategy.name": "explore"}), 4))
-
-
-def test_a_change_of_the_floor_is_felt() -> None:
-    one = scenario().with_values(
-        {"run.t_end_s": 200.0, "floor.source": "random:0", "change.at_s": [100], "change.to": ["random:1"]}
-    )
-    result = v.simulate(one, 1, 3)
-    rows = result.observations.join(
-        result.motion.select("run", "robot", "sample", "time_s"), on=["run", "robot", "sample"]
-    )
-    before, after = (rows.filter((pl.col("time_s") > 100) == late)["energy"].mean() for late in (False, True))
-    assert after > 5 * before  # type: ignore[operator]
 
 
 def test_its_law_of_energies_tells_the_kinds_apart() -> None:
@@ -302,28 +184,6 @@ def confusion(
     return float(np.mean(right[True])), float(np.mean(right[False])), len(right[True])
 
 
-def test_runs_without_samples_have_no_readings() -> None:
-    """Robots that stop at once, and a piece of a run, may take none."""
-    fields = {"sensor.acceleration.motor_hz": (70.0, 105.0), "faults.stopped": 1.0}
-    still = scenario().with_values(SEVERAL | fields)
-    found = v.simulate(still, 1, 2).observations
-    assert found.height == 0
-    assert "peak_hz" in found.columns
-
-
-def test_three_motors_are_told_apart_by_their_frequency() -> None:
-    far, near, count = confusion((70.0, 105.0, 150.0), (1, 2, 3), 0.0)
-    assert far - 2 * math.sqrt(far * (1 - far) / count) > 0.95
-    assert near < 0.85  # a robot on an edge feels both tiles
-    alike, _, _ = confusion(
-        (70.0, 105.0, 245.0), (1, 2, 3), 0.0
-    )  # negative control: 245 Hz folds onto 105 Hz
-    assert alike < 0.75
-    motors = {"sensor.acceleration.motor_hz": (70.0, 105.0, 150.0)}
-    p = scenario().with_values(QUIET | SEVERAL | motors).sensor.params
-    assert MODEL.reading(MODEL.sensed(samples_at([0.1], [0, 0]), p), p).tolist() == [0]
-
-
 def test_a_sample_measures_the_features_that_are_asked_for() -> None:
     names = ("peak_hz", "peak_height", "variance", "band_100")
     p = quiet(motor_hz=(100.0,), features=names, amplitude_m_s2=0.5).sensor.params
@@ -342,14 +202,3 @@ def test_a_sample_measures_the_features_that_are_asked_for() -> None:
     )
     assert found["peak_hz"] == pytest.approx(100.0, abs=0.3)
     assert found["peak_height"] == pytest.approx(own, rel=0.05)
-
-
-def test_noise_is_made_of_the_published_numbers_of_splitmix64() -> None:
-    """The first numbers from the state 1234567, by Vigna's program; each is summed by its four 16-bit parts."""
-    numbers = [6457827717110365317, 3203168211198807973, 9817491932198370423]
-    out = np.zeros((3, 1))
-    with np.errstate(over="ignore"):  # whole numbers modulo 2^64
-        add_noise(out, 2.0, 1234567)
-    sums = [sum(number >> shift & 0xFFFF for shift in (0, 16, 32, 48)) for number in numbers]
-    middle = 4 * 65535 / 2
-    assert out[:, 0] == pytest.approx([2.0 * math.sqrt(3.0) * (found - middle) / 65536 for found in sums])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,9 @@ from helpers.exported_robots import (
 from vibroswarm import Floor, preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.export.c_program import LOG_COLUMNS
-from vibroswarm.inference.replay import inference_columns
-from vibroswarm.recordings.log_readers import CAMERA_COLUMNS
+from vibroswarm.recordings.read import CAMERA_COLUMNS
 from vibroswarm.recordings.recording import Recording
-from vibroswarm.recordings.replay import _replay_once, _rows_of, replay_recording
+from vibroswarm.recordings.replay import replay_recording, with_beliefs
 from vibroswarm.robot.sensing import SenseProgram, begin_sense, energy, sense_step
 
 SEED, READINGS = 4, 175
@@ -135,11 +135,11 @@ def imported(folder: Path, floor: Floor) -> Recording:
 
 def check_replay(recording: Recording, result: Any) -> None:
     scenario = recording.scenario.with_values({"strategy.name": "soft"})
-    rows = _rows_of(recording, 0)
-    _, unsent, messages, log = _replay_once(scenario, rows, 0, SEED)
-    assert unsent == 0
-    frame = pl.DataFrame({column.name: column for column in inference_columns(scenario, messages, log)})
-    assert_frame_equal(frame, result.inference.select(frame.columns), check_exact=True)
+    uncounted = recording.inference.with_columns(
+        messages_received=pl.lit(None, pl.UInt32)
+    )  # so that all are heard
+    found = with_beliefs(replace(recording, scenario=scenario, inference=uncounted), SEED).inference
+    assert_frame_equal(found, result.inference.select(found.columns), check_exact=True)
     replayed = replay_recording(recording, scenario, draws=1, seed=SEED)
     assert replayed.robots["decision"].to_list() == result.robots["decision"].to_list()
     assert 0 in result.robots["decision"]

@@ -14,16 +14,12 @@ import polars as pl
 import pytest
 from scipy import signal
 
-from helpers.commands import output_of, refusal_of
 from helpers.exported_robots import ACCELERATE, OBSERVED, START, STEP, built, run_program
 from helpers.plain_program import plain_program
 from vibroswarm import preset
 from vibroswarm.cli import main
 from vibroswarm.export.assembly import parts_of
-from vibroswarm.recordings.acceleration import samples_found, stops_of
-from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
 from vibroswarm.recordings.recording import Recording
-from vibroswarm.robot.sensing import SenseProgram
 from vibroswarm.robot.walk import DRIVE, STOP
 
 SHIPPED = Path(__file__).parents[2] / "examples" / "lab"
@@ -90,46 +86,6 @@ def test_import_computes_the_energies_that_scipy_computes(
     logged = pl.read_csv(SHIPPED / "camera.csv")["rms"].to_numpy()
     np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=1e-12)
     assert np.abs(np.sort(found) - np.sort(logged)).max() > 0.05  # not those of the log
-
-
-def test_samples_of_a_log_of_places_are_found_as_the_robot_finds_them(
-    acceleration: tuple[Path, list[float]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path, expected = acceleration
-    pl.read_csv(SHIPPED / "camera.csv").drop("rms").write_csv(tmp_path / "places.csv")
-    text = (SHIPPED / "columns.toml").read_text()
-    (tmp_path / "columns.toml").write_text(text.replace('energy = "rms"\n', ""))
-    given = arguments(path, tmp_path / "lab")
-    given[2:5] = [str(tmp_path / "places.csv"), "--columns", str(tmp_path / "columns.toml")]
-    assert f"{len(expected)} samples found in" in output_of(capsys, *given)
-    assert main(arguments(path, tmp_path / "with-energies")) == 0
-    alone, beside = (Recording.read(tmp_path / name) for name in ("lab", "with-energies"))
-    np.testing.assert_allclose(alone.rows["energy"], beside.rows["energy"], rtol=1e-9)
-    for name in ("robot", "x_m", "y_m", "time_s"):
-        np.testing.assert_allclose(alone.motion[name], beside.motion[name], atol=1.1e-3)
-    # Without acceleration there is nothing to make energies of.
-    given[given.index("--acceleration") :] = ["--out", str(tmp_path / "none")]
-    assert "only with --acceleration it may be missing" in refusal_of(capsys, *given)
-
-
-def test_a_robot_that_drives_slowly_does_not_stand() -> None:
-    time_s = np.arange(1200) / 100.0
-    x_m = 0.05 * np.clip(time_s - 5.0, 0.0, 2.0)  # from 5 s to 7 s
-    rows = pl.DataFrame({"time_s": time_s, "x_m": x_m, "y_m": 0.5, "line": range(1200)})
-    stops = [stop["time_s"].to_numpy() for stop in stops_of(rows, Path("a.csv"), 0.5)]
-    assert np.allclose([(stop[0], stop[-1]) for stop in stops], [(0.0, 5.0), (7.0, 12.0)], atol=0.05)
-
-
-def test_a_robot_that_faces_west_stands(tmp_path: Path) -> None:
-    time_s, seen_s = np.arange(15 * 350) / RATE_HZ, np.arange(151) / 10.0
-    pl.DataFrame({"robot": 0, "time_s": time_s, "ax": 0.0, "ay": 0.0, "az": 9.81}).write_csv(
-        tmp_path / "a.csv"
-    )
-    heading_rad = np.resize([3.13, -3.13], seen_s.size)
-    tracks = pl.DataFrame({"robot": 0, "time_s": seen_s, "x_m": 0.5, "y_m": 0.5, "heading_rad": heading_rad})
-    log = Log("places", "camera", log_frame({}, SAMPLES).clear(), log_frame(tracks.to_dict(), TRACKS))
-    found = samples_found(log, tmp_path / "a.csv", SenseProgram()).log.samples
-    assert found["time_s"].to_list() == pytest.approx([time_s[-1]])
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")

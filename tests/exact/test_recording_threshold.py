@@ -10,19 +10,15 @@ from scipy import optimize, stats
 
 from vibroswarm.floors.floor import Floor
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.threshold import (
     Labelled,
     at_threshold,
     edge_distance,
-    edge_profile,
     equal_error,
-    error_curves,
-    find_thresholds,
+    find_threshold,
     labelled,
-    least_cost,
-    robot_and_tile_weights,
     unseen_errors,
 )
 from vibroswarm.scenario.scenario import preset
@@ -47,80 +43,20 @@ def test_many_samples_of_the_papers_gammas_give_their_thresholds() -> None:
     one = np.ones(kind.size)
     cross = optimize.brentq(lambda t: STILL.sf(t) - VIBRATING.cdf(t), 0.5, 3)
     assert equal_error(energy, kind, one) == pytest.approx(cross, abs=0.01)
-    for costs in ((1.0, 1.0), (1.0, 4.0), (5.0, 1.0)):
-
-        def cost(t: float, of: tuple[float, float] = costs) -> float:
-            return float(of[0] * 0.52 * STILL.sf(t) + of[1] * 0.48 * VIBRATING.cdf(t))
-
-        best = optimize.minimize_scalar(cost, bounds=(0.4, 3.5), method="bounded")
-        found = least_cost(*costs, 0.48)(energy, kind, one)
-        assert cost(found) <= cost(float(best.x)) + 0.001  # its place is flat, its cost is not
-
-
-def test_the_curves_count() -> None:
-    thresholds, positive, negative = error_curves(
-        np.array([1.0, 2.0, 2.0, 3.0]), np.array([False, False, True, True]), np.ones(4)
-    )
-    assert thresholds.tolist() == [1.5, 2.5, 3.5]
-    assert positive.tolist() == [0.5, 0.0, 0.0]
-    assert negative.tolist() == [0.0, 0.5, 1.0]
-    doubled = error_curves(
-        np.array([1.0, 2.0, 2.0, 3.0]), np.array([False, False, True, True]), np.array([2.0, 0, 1, 1])
-    )
-    assert doubled[1].tolist() == [0.0, 0.0, 0.0]
-
-
-def test_errors_are_equal_where_the_lines_between_thresholds_cross() -> None:
-    """From 2.75 to 3.5 the false positives fall from 1/2 to 1/4, and the false negatives stay 1/3."""
-    energy = np.array([1.0, 2.0, 3.0, 4.0, 2.5, 5.0, 6.0])
-    assert equal_error(energy, np.arange(7) > 3, np.ones(7)) == pytest.approx(2.75 + 2 / 3 * 0.75)
-
-
-def test_the_least_cost_lies_at_the_threshold_itself() -> None:
-    """Where thresholds that are no neighbours have the least cost, and where it is that of reading all as vibrating."""
-    one = np.ones(4)
-    still_first = np.array([False, True, False, True])
-    energy = np.array([1.0, 2.0, 3.0, 4.0])
-    # False positive 1/2, false negative 0 at 1.5; 1/2 and 1/2 at 2.5; 0 and 1/2 at 3.5.
-    assert least_cost(1.0, 1.0, 0.5)(energy, still_first, one) == 1.5
-    vibrating_first = np.array([True, False, True, True])
-    assert least_cost(1.0, 9.0, 0.5)(energy, vibrating_first, one) == 0.5
-    # Of several ranges of thresholds with the least cost, the longest: here up to an energy without a weight.
-    weight = np.array([1.0, 1.0, 1.0, 0.0, 1.0])
-    kinds = np.array([False, True, False, False, True])
-    assert least_cost(1.0, 1.0, 0.5)(np.arange(1.0, 6.0), kinds, weight) == 4.0
-    # Energies are not negative, so that no threshold lies below the energy 0.
-    assert least_cost(1.0, 9.0, 0.5)(energy - 1.0, vibrating_first, one) == 1.5
 
 
 def test_a_recording_gives_it_with_its_uncertainty(recording: Recording) -> None:
-    equal, least, costly = find_thresholds(recording, 1.0, 5.0)
+    equal = find_threshold(recording)
     cross = optimize.brentq(lambda t: STILL.sf(t) - VIBRATING.cdf(t), 0.5, 3)
-    for found in (equal, least):
-        assert found.low < found.value < found.high
     assert equal.low < cross < equal.high
+    assert equal.low < equal.value < equal.high
     assert equal.all_samples.false_positive == pytest.approx(equal.all_samples.false_negative, abs=0.005)
-    assert costly.value < least.value
-    assert costly.all_samples.false_negative < least.all_samples.false_negative
-    # The simulated floor does not reach across edges: leaving them out changes nothing. A negative control.
-    assert equal.inner_samples.false_positive == pytest.approx(equal.all_samples.false_positive, abs=0.03)
-    assert equal.inner_samples.still < equal.all_samples.still
 
 
 def test_a_floor_that_reads_to_the_wrong_side_is_told(recording: Recording) -> None:
     told = at_threshold(recording, 0.6).decidable
     assert told.verdict == "wrong side", told.says
     assert at_threshold(recording, 2.2).decidable.verdict == "decidable"
-
-
-def test_what_robots_are_asked_does_not_change_the_floor(
-    recording: Recording, logs: list[Path], ground: Floor
-) -> None:
-    """Asked for the share of still tiles, that share was taken for the fill ratio by which errors are weighed."""
-    asked = {"strategy.name": "dirichlet", "task.name": "share", "task.share.kind": 0}
-    other = recording_of([read_log(logs[0])], ground, preset("paper").with_values(asked))
-    assert other.runs["fill_ratio"][0] == pytest.approx(1 - recording.runs["fill_ratio"][0])
-    assert labelled(other).fill_ratio == labelled(recording).fill_ratio == recording.runs["fill_ratio"][0]
 
 
 def test_distance_to_the_other_kind() -> None:
@@ -133,13 +69,6 @@ def test_distance_to_the_other_kind() -> None:
     assert np.isinf(alike).all()
 
 
-def test_the_profile_holds_every_sample(recording: Recording) -> None:
-    data = labelled(recording)
-    profile = edge_profile(data, 1.33)
-    assert (profile["still"] + profile["vibrating"]).sum() == data.energy.size
-    assert profile["from_m"].to_list()[0] == 0.0
-
-
 def test_errors_in_a_session_are_of_the_threshold_of_the_others(recording: Recording) -> None:
     data = labelled(recording)
     other, still = data.session == 1, ~data.vibrating
@@ -147,12 +76,6 @@ def test_errors_in_a_session_are_of_the_threshold_of_the_others(recording: Recor
     first = unseen_errors(recording).row(0, named=True)
     assert (first["session"], first["threshold"]) == (1, value)
     assert first["false_positive"] == (data.energy[~other & still] > value).mean()
-
-
-def test_robots_and_tiles_are_drawn_independently() -> None:
-    number = np.arange(20)
-    weights = [robot_and_tile_weights(1, draw, number, number) for draw in range(200)]
-    assert np.mean(weights) == pytest.approx(1.0, abs=0.1)
 
 
 def test_the_share_of_ones_holds_for_other_robots(recording: Recording) -> None:

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.recordings.spectrum import acceleration_frame, periodograms, spectra_of
+from vibroswarm.recordings.spectrum import acceleration_frame, spectra_of
 
 RATE_HZ = 350.0
 
@@ -61,27 +61,6 @@ def test_lines_are_where_the_sines_are(tmp_path: Path) -> None:
     assert sum(one.samples for one in found.spectra if one.group == "time") == 40
 
 
-def test_noise_has_no_lines(tmp_path: Path) -> None:
-    assert spectra_of(file_of(recorded([], []), tmp_path), axis="z").whole.lines == ()
-
-
-def test_the_power_of_a_sine_is_half_its_squared_amplitude() -> None:
-    hz, power = periodograms(3.0 * np.sin(2 * np.pi * 40.0 * np.arange(350) / RATE_HZ)[None], RATE_HZ)
-    assert power[0, hz == 40.0] == pytest.approx(4.5)
-
-
-def test_folded_motors_and_multiples_are_marked(tmp_path: Path) -> None:
-    path = file_of(recorded([(185.0, 1.0), (60.0, 2.0), (120.0, 0.6)], []), tmp_path)
-    found = spectra_of(path, axis="z", motors_hz=(185.0, 165.0))
-    words = {round(line.hz): line.words for line in found.whole.lines}
-    assert words[165] == "motor of kind 1: 185 Hz, folded; motor of kind 2: 165 Hz"
-    assert words[60] == ""
-    assert words[120] == "2 x 60.0 Hz"
-    assert any("look alike" in words for words in found.warnings)
-    apart = spectra_of(path, axis="z", motors_hz=(60.0, 120.0))
-    assert apart.warnings == ()
-
-
 def test_a_magnitude_doubles_horizontal_frequencies(tmp_path: Path) -> None:
     path = file_of(recorded([], [(40.0, 6.0)]), tmp_path)
     (line, *_) = spectra_of(path).whole.lines
@@ -89,22 +68,6 @@ def test_a_magnitude_doubles_horizontal_frequencies(tmp_path: Path) -> None:
     assert "twice the horizontal 40.0 Hz" in line.words
     (line, *_) = spectra_of(path, axis="x").whole.lines
     assert line.hz == pytest.approx(40.0, abs=0.5)
-
-
-def test_units_and_numbered_samples(tmp_path: Path) -> None:
-    frame = recorded([(61.3, 1.0)], [])
-    number = np.repeat(np.arange(40), 280)
-    order = frame.with_row_index().sort("robot", "time_s")["index"].to_numpy()
-    path = file_of(frame.with_columns(sample=number[np.argsort(order)]), tmp_path)
-    by_number = spectra_of(path, axis="z")
-    in_g = spectra_of(path, axis="z", unit="g")
-    assert in_g.whole.power == pytest.approx(9.80665**2 * by_number.whole.power)
-    assert by_number.warnings == ()
-    (said,) = in_g.warnings
-    assert said == "the mean magnitude is 9.814, which is gravity in m/s2, and not in g: add --unit m/s2"
-    in_mm = spectra_of(path, axis="z", unit="mm/s2", by=("tile",), size_m=(1.0, 2.0))  # all are 0.9 m up
-    assert in_mm.whole.power == pytest.approx(1e-6 * by_number.whole.power)
-    assert [one.name for one in in_mm.spectra] == ["", "tile 3, 1", "tile 3, 5"]
 
 
 def driven(seconds: float = 60.0, y_m: float = 0.5) -> pl.DataFrame:

@@ -159,12 +159,12 @@ def check_line(line: str, block: Block, is_run_before: bool) -> None:
 def read_as_what_it_is(text: str, folder: Path) -> str:
     """What a TOML block is, found by its tables; raises where it is not right."""
     from vibroswarm import Scenario, Study
-    from vibroswarm.recordings.column_map import column_map
+    from vibroswarm.recordings.read_tables import ColumnMap
     from vibroswarm.search import Search
 
     tables = tomllib.loads(text)
     if "columns" in tables:
-        column_map(text, "document")
+        ColumnMap.model_validate(tables)
         return "column map"
     if {"space", "objective", "search"} & set(tables):
         Search.from_toml(text, folder=folder)

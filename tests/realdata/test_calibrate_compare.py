@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vibroswarm.calibrate.real_vs_simulated import Comparison, compare
+from vibroswarm.calibrate.compare import Comparison, compare
 from vibroswarm.calibrate.session_statistics import figures_of
 from vibroswarm.recordings.recording import Recording
 
@@ -30,37 +30,24 @@ def found(real: Recording, simulated: Recording) -> Comparison:
 
 
 def test_the_authors_figures_come_out(found: Comparison) -> None:
-    assert {one.feature: round(one.as_published, 3) for one in found.similarities} == AUTHORS
+    assert {one.feature: round(one.as_published, 3) for one in found.likenesses} == AUTHORS
 
 
 def test_places_score_less_than_evenly_spread_points_would(found: Comparison) -> None:
     """The readings: as many uniform points score 0.94, a perfect simulator 0.962."""
-    places = next(one for one in found.similarities if one.feature == "places")
+    places = next(one for one in found.likenesses if one.feature == "places")
     assert places.null == pytest.approx(0.94, abs=0.01)
     assert places.ceiling == pytest.approx(0.962, abs=0.002)
     assert places.at_equal_counts < places.null
 
 
 def test_real_sessions_are_nearer_each_other_than_the_simulator_is(found: Comparison) -> None:
-    for one in found.similarities:
-        assert one.real_by_session is not None
-        assert one.real_by_session.mean > one.by_session.mean, one.feature
-    for one in found.distances:
+    for one in found.likenesses:
         if one.feature in ("avoidance", "vibrating", "still"):
-            assert one.real is not None
-            assert one.effect.estimate > one.real.high, one.feature
-            # Three sessions of each do not show it of energies.
-            assert one.effect.low > one.real.high or one.feature != "avoidance"
-
-
-def test_a_classifier_tells_the_simulator_from_the_robots(found: Comparison) -> None:
-    assert found.classifier.simulated.estimate > 0.7
-    assert found.classifier.simulated.low > 0.5
-    # Of three sessions of each kind: the limits hold for other simulated sessions too, and are wide.
-    assert found.classifier.simulated_by_robot.estimate > 0.7
-    assert found.classifier.real is not None
-    assert found.classifier.real.estimate < 0.45  # of three pairs, so that its limits are wide
-    assert found.classifier.real.low < 0.5
+            assert one.real_distance is not None
+            assert one.distance.estimate > one.real_distance.high, one.feature
+    assert found.recognised is not None
+    assert found.recognised.low > 0.5
 
 
 def test_the_figures_are_those_of_the_readings(real: Recording, simulated: Recording) -> None:

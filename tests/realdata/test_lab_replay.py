@@ -5,7 +5,6 @@ They stay where they are; VIBROSWARM_RUGBOT names their folder.
 
 from __future__ import annotations
 
-import polars as pl
 import pytest
 
 from vibroswarm.recordings.recording import Recording
@@ -19,13 +18,6 @@ def test_as_they_ran_they_decide_as_they_did(real: Recording) -> None:
     for mine, theirs in zip(session_outcomes(real, replayed), logged, strict=True):
         assert mine.consensus == {"right": 1.0}
         assert mine.decision_time_s == pytest.approx(theirs.decision_time_s, abs=30.0)
-    # Sessions 1 and 3 waited for the gate: to the sample.
-    gated = replayed.robots.filter(pl.col("run") != 1).join(
-        real.robots, on=["run", "robot"], suffix="_logged"
-    )
-    assert (gated["decision_time_s"] == gated["decision_time_s_logged"]).all()
-    assert replayed.put_back == 4
-    assert replayed.unsent == 0
 
 
 def test_at_a_lower_threshold_session_two_goes_wrong(real: Recording) -> None:

@@ -11,16 +11,13 @@ import pytest
 
 from vibroswarm.tracking import marker_detection
 from vibroswarm.tracking.marker_detection import detect
-from vibroswarm.tracking.markers import APRILTAG_0, DICTIONARIES, Markers, first_corner, read_markers
-from vibroswarm.tracking.track import track
+from vibroswarm.tracking.markers import DICTIONARIES, Markers, first_corner, read_markers
 from vibroswarm.tracking.video_file import frames_of
 
 cv2 = pytest.importorskip("cv2")
 drawn = pytest.importorskip("helpers.drawn_video")
 pytestmark = pytest.mark.usefixtures("one_focal_length")
 Pictures = list[np.ndarray[Any, Any]]
-SEARCHED_WHOLE = (*range(0, 40, 5), 75)
-"""Frames that are searched whole although all robots are seen: for the floor's markers, and at intervals."""
 
 
 def by_detector_alone(video: Path, markers: Markers) -> np.ndarray[Any, Any]:
@@ -60,31 +57,9 @@ def test_no_marker_is_missed_that_the_detector_alone_sees(
     alone = by_detector_alone(video, drawn.MARKERS)
     assert 0.3 < alone.mean() < 0.9
     assert not (alone & ~found_in(video, drawn.MARKERS)).any()
-    in_whole = marker_detection._Search._search_for_robots
-
-    def in_every_fifth(self: Any, k: int, *given: Any) -> None:
-        if k % 5 == 0:
-            in_whole(self, k, *given)
-
-    monkeypatch.setattr(marker_detection._Search, "_search_for_robots", in_every_fifth)
+    monkeypatch.setattr(marker_detection, "_window", lambda *given: None)
+    monkeypatch.setattr(marker_detection._Detector, "markers_in", lambda self, image: {})
     assert (alone & ~found_in(video, drawn.MARKERS)).any()  # the control
-
-
-@pytest.mark.parametrize("there", [range(5, 80), range(12)])
-def test_of_two_markers_with_one_number_the_nearer_to_the_path_is_used(tmp_path: Path, there: range) -> None:
-    """Also before the robot was seen alone: the path is then that of later frames."""
-    frames = drawn.frames(80)
-    for k in there:  # a spare print, far from both robots
-        spare = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 0, 30)
-        frames[k][40:82, 200:242] = 236
-        frames[k][46:76, 206:236] = spare[..., None]
-    drawn.write(tmp_path / "two.avi", frames)
-    found = track(tmp_path / "two.avi", replace(drawn.MARKERS, floor_size_m=0.05))
-    assert found.share_found() == 1.0
-    assert found.dropped.is_empty()
-    seen_alone = there[0] > 0
-    expected = [k for k in there if k in SEARCHED_WHOLE or not seen_alone]
-    assert found.detections.twice == tuple((k, 0) for k in expected)
 
 
 @pytest.mark.parametrize("dictionary", DICTIONARIES)
@@ -102,13 +77,3 @@ def test_markers_of_every_dictionary_are_found(tmp_path: Path, dictionary: str) 
     assert (four == of_listed).all()
     at = np.array([[70, 60], [149, 60], [149, 139], [70, 139]], dtype=float)
     assert np.abs(four - np.roll(at, first_corner(dictionary), axis=0)).max() < 1.0
-
-
-def test_the_top_of_an_apriltag_is_where_its_makers_have_it() -> None:
-    """Marker 0 of 36h11 as it is printed, of which OpenCV up to 5.0 gives the lower right corner first."""
-    squares = np.zeros((8, 8), dtype=np.uint8)
-    squares[1:7, 1:7] = 255 * np.array([int(bit) for bit in f"{APRILTAG_0:036b}"]).reshape(6, 6)
-    picture = np.pad(np.kron(squares, np.ones((10, 10), dtype=np.uint8)), 30, constant_values=235)
-    markers = replace(drawn.MARKERS, dictionary="APRILTAG_36h11")
-    (four,) = marker_detection._Finder(cv2, markers).everywhere(picture)[0]
-    assert np.abs(four - np.array([[30, 30], [109, 30], [109, 109], [30, 109]])).max() < 1.0

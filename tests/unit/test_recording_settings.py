@@ -10,12 +10,10 @@ import polars as pl
 import pytest
 
 from helpers.recordings import write_log
-from vibroswarm.recordings.infer_settings import (
+from vibroswarm.recordings.infer import (
     infer_settings,
-    infer_tau,
 )
-from vibroswarm.recordings.log import in_order
-from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.read import read_log
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 
@@ -25,7 +23,7 @@ def found(told: Scenario, tmp_path: Path, **changes: Any) -> dict[str, Any]:
     result = simulate(scenario, 11, 2, poses=True)
     for run in (0, 1):
         write_log(result, tmp_path / f"{run}.csv", run)
-    logs = [in_order(read_log(tmp_path / f"{run}.csv")) for run in (0, 1)]
+    logs = [(read_log(tmp_path / f"{run}.csv")) for run in (0, 1)]
     return {one.name: one for one in infer_settings(logs)}
 
 
@@ -40,54 +38,30 @@ def test_what_ran_is_found(told: Scenario, tmp_path: Path, gate: str, strategy: 
     )  # fmt: skip
     threshold = settings["sensor.rms_threshold"]
     assert threshold.low <= 1.45 <= threshold.high + 0.0005  # energies are written to 0.001
-    assert settings["strategy.name"].value == strategy, settings["strategy.name"].evidence
+    assert settings["strategy.name"].value == strategy
     tau = settings["sample.sample_interval_ms"]
     assert tau.low <= 2000 <= tau.high < tau.low + 100
     assert tau.value == 2000
-    assert settings["decision.gate"].value == gate, settings["decision.gate"].evidence
+    assert settings["decision.gate"].value == gate
     assert settings["decision.min_observations"].low <= least <= settings["decision.min_observations"].high
-
-
-def test_one_robot_does_not_tell_the_strategy(logs: list[Path]) -> None:
-    log = in_order(read_log(logs[0]))
-    alone = replace(log, samples=log.samples.filter(pl.col("robot") == 1))
-    strategy = next(one for one in infer_settings([alone]) if one.name == "strategy.name")
-    assert strategy.value is None
-    assert "of several robots" in strategy.evidence
 
 
 def test_clocks_that_differ_tell_no_strategy(told: Scenario, tmp_path: Path) -> None:
     """With one clock 5 s late what robots received is not what others sent, and soft feedback seems the likeliest."""
     undecided = {"decision.min_observations": 10_000, "strategy.name": "none", "run.t_end_s": 900.0}
     write_log(simulate(told.with_values(undecided), 11, 1, poses=True), tmp_path / "log.csv", 0)
-    log = in_order(read_log(tmp_path / "log.csv"))
+    log = read_log(tmp_path / "log.csv")
     late = pl.col("time_s") + pl.when(pl.col("robot") == log.samples["robot"][0]).then(5.0).otherwise(0.0)
     samples = log.samples.with_columns(late).sort("time_s")
     said = [
         next(one for one in infer_settings([each]) if one.name == "strategy.name")
         for each in (log, replace(log, samples=samples))
     ]
-    assert ["clocks differ" in one.evidence for one in said] == [False, True]
     assert said[1].value is None
 
 
 def test_bits_that_are_logged_tell_threshold_and_strategy(console_logs: list[Path]) -> None:
-    logs = [in_order(read_log(path)) for path in console_logs]
+    logs = [(read_log(path)) for path in console_logs]
     settings = {one.name: one for one in infer_settings(logs)}
-    assert settings["strategy.name"].value == "positive", settings["strategy.name"].evidence
+    assert settings["strategy.name"].value == "positive"
     assert settings["sample.sample_interval_ms"].value == 2000
-
-
-def test_tau_is_found_where_rows_cut_its_intervals(tmp_path: Path) -> None:
-    """Rows every 0.22 s: an interval of 4.78 s is logged as 4.84 or 4.62 s, and a late row makes 5.06 s of one."""
-    spacings_s = ([4.84] * 3 + [4.62]) * 30 + [5.06] * 2
-    columns = {"whole": True, "spacing_s": spacings_s, "avoid_s": 0.0, "stop_s": 1.0}
-    tau = infer_tau(pl.DataFrame(columns))
-    assert tau.low <= 3778 <= tau.high
-    assert tau.evidence.startswith("122 of 122 intervals without avoidance are 4.79")
-    alike = infer_tau(
-        pl.DataFrame(columns | {"spacing_s": [4.8] * 30})
-    )  # less a stop of 1 s and up to 0.04 s
-    assert (alike.low, alike.high) == pytest.approx((3760 - 20, 3760 + 40 + 20))
-    stated = pl.DataFrame(columns | {"stop_s": pl.Series([None] * 122, dtype=pl.Float64)})
-    assert infer_tau(stated, stop_s=5.0).evidence.endswith("s do not hold a stop of 5.000 s")

@@ -21,7 +21,7 @@ statistics.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.calibrate.dataset import Dataset
-from vibroswarm.calibrate.features import wall_distance
 from vibroswarm.calibrate.fit_rays import scaled_angles
+from vibroswarm.calibrate.samples import ROUNDING_S, wall_distance
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.motion.event.event_run import EventRun
@@ -129,7 +129,7 @@ def summary(samples: Mapping[str, NDArray[Any]], arena_m: tuple[float, float]) -
     same_robot = robot[1:] == robot[:-1]  # whether a sample has a previous sample of the same robot
     avoid_s = samples["avoid_s"].astype(float)[1:][same_robot]
     known_s = avoid_s[np.isfinite(avoid_s)]
-    positive_s = known_s[known_s > 1e-9]
+    positive_s = known_s[known_s > ROUNDING_S]
     quantiles_s = (
         np.quantile(positive_s, [0.1, 0.25, 0.5, 0.75, 0.9, 0.975]) if positive_s.size else np.zeros(6)
     )
@@ -142,10 +142,10 @@ def summary(samples: Mapping[str, NDArray[Any]], arena_m: tuple[float, float]) -
     rim_x, rim_y = (fifth_x == 0) | (fifth_x == 4), (fifth_y == 0) | (fifth_y == 4)
     step = np.hypot(np.diff(x)[same_robot], np.diff(y)[same_robot])
     spacing = np.diff(time)[same_robot]
-    calm_s = spacing[avoid_s <= 1e-9]
+    calm_s = spacing[avoid_s <= ROUNDING_S]
     leg_ends = (calm_s > np.median(calm_s) + LEG_END_S).mean() if calm_s.size else 0.0
     return np.array([
-        (known_s <= 1e-9).mean(), known_s.mean(), *quantiles_s, *rings, (rim_x & rim_y).mean(),
+        (known_s <= ROUNDING_S).mean(), known_s.mean(), *quantiles_s, *rings, (rim_x & rim_y).mean(),
         (~rim_x & ~rim_y).mean(), spacing.mean(), (step < 0.005).mean(), (step < 0.05).mean(), step.mean(), leg_ends,
     ])  # fmt: skip
 
@@ -176,29 +176,39 @@ def fit_avoidance(
     # ``fit_rays`` sets this field together with the angles; ``fit`` resets it where the rays are not fitted.
     rays_fitted = scenario.rays.forward_each_m is not None
     prior = PRIOR | ({} if rays_fitted else UNSEEN)
-    # Candidates use the random numbers of "run" 0; ``_predicted`` uses those of "run" 1.
+    # Candidates use the random numbers of "run" 0; the prediction uses those of "run" 1.
     u = uniforms(_SEED, run=0, robot=0, purpose=Purpose.OPTIMIZER, count=candidates * len(prior))
     low, high = np.array(list(prior.values())).T
     tried = low + (high - low) * u.reshape(candidates, -1)
-    statistics = np.empty((candidates, len(SUMMARIES)))
-    for k, parameters in enumerate(tried):
-        by_parameter = dict(zip(prior, parameters.tolist(), strict=True))
-        statistics[k] = _simulated(scenario, by_parameter, speed_m_s, run=k)
-        if progress is not None:
-            progress((k + 1) / (candidates + CHECKS))
+    done = 0
+
+    def simulated(parameters: Floats, first_run: int) -> Floats:
+        """Return the statistics of one run with each of some parameters, (runs, statistics)."""
+        nonlocal done
+        statistics = np.empty((len(parameters), len(SUMMARIES)))
+        for k, own in enumerate(parameters):
+            by_parameter = dict(zip(prior, own.tolist(), strict=True))
+            statistics[k] = _simulated(scenario, by_parameter, speed_m_s, run=first_run + k)
+            done += 1
+            if progress is not None:
+                progress(done / (candidates + CHECKS))
+        return statistics
+
+    statistics = simulated(tried, first_run=0)
     draws, weights = posterior(tried, statistics, real, bounds=(low, high))
-    by_name = {name: draws[:, k] for k, name in enumerate(prior)}
-    check = np.empty((CHECKS, len(SUMMARIES)))
-    for k, statistics_of_run in enumerate(_predicted(by_name, weights, scenario, speed_m_s)):
-        check[k] = statistics_of_run
-        if progress is not None:
-            progress((candidates + k + 1) / (candidates + CHECKS))
+    # Draw k is picked with the probability weights[k]; the clip is for a sum of weights slightly below 1.
+    u = uniforms(_SEED, run=1, robot=0, purpose=Purpose.OPTIMIZER, count=CHECKS)
+    picked = draws[np.searchsorted(np.cumsum(weights), u).clip(max=weights.size - 1)]
+    # Run numbers beyond those of the candidates, so that the runs are fresh.
+    check = simulated(picked, first_run=10**6)
     bands = np.quantile(check, [0.025, 0.975], axis=0).T  # (statistics, 2)
     predicted = {
         name: (float(mean), float(band[0]), float(band[1]))
         for name, mean, band in zip(SUMMARIES, real.mean(axis=0), bands, strict=True)
     }
-    return AvoidanceFit(by_name, weights, predicted, candidates + CHECKS)
+    return AvoidanceFit(
+        {name: draws[:, k] for k, name in enumerate(prior)}, weights, predicted, candidates + CHECKS
+    )
 
 
 def posterior(
@@ -267,21 +277,3 @@ def _simulated(scenario: Scenario, values: dict[str, float], speed_m_s: float, r
     table = taken.samples_frame(state.tick_ms).sort("robot", maintain_order=True)
     ordered = {name: table[name].to_numpy() for name in COLUMNS}
     return summary(ordered, scenario.arena.size_m)
-
-
-def _predicted(
-    draws: dict[str, Floats], weights: Floats, scenario: Scenario, speed_m_s: float
-) -> Iterator[Floats]:
-    """Simulate ``CHECKS`` runs with parameters drawn from the posterior, and yield the statistics of each.
-
-    Args:
-        draws: posterior sample by parameter, (accepted,) each. weights: of the draws, (accepted,), of sum 1.
-    """
-    # "Run" 1 of the random numbers; "run" 0 drew the candidates.
-    u = uniforms(_SEED, run=1, robot=0, purpose=Purpose.OPTIMIZER, count=CHECKS)
-    # Draw k is picked with the probability weights[k]; the clip is for a sum of weights slightly below 1.
-    picked = np.searchsorted(np.cumsum(weights), u).clip(max=weights.size - 1)
-    for i, k in enumerate(picked.tolist()):
-        values = {name: float(values_of[k]) for name, values_of in draws.items()}
-        # The run numbers are beyond those of the candidates, so that the runs are fresh.
-        yield _simulated(scenario, values, speed_m_s, run=10**6 + i)

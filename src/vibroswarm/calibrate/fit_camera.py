@@ -16,7 +16,6 @@ log likelihood over a camera without error is below ``LEAST_GAIN``, the camera i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -69,19 +68,18 @@ def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
     # Each step of the fit has a vector of its own. The last two values of both vectors are reach and log blur.
     # theta: the Gamma distributions of energies (6 values), reach and log blur, as ``fit_plain`` returns them.
     # at: magnification and shifts (3 values, units as in ``_BOUNDS``), reach and log blur.
-    # Numerical gradients ask for the same camera again, once for each value that is not of the camera.
-    @lru_cache(maxsize=4)
-    def edges_of(camera: Camera) -> Floats:
-        """Return each sample's signed distance from the nearest edge, at its true position as of a camera."""
-        true_x, true_y = camera.true(x, y, found.arena_m)
-        distance = np.empty(x.size)
-        for floor in set(found.floors):  # all sessions on the same floor at once
-            on_floor = np.isin(run, [k for k, other_floor in enumerate(found.floors) if other_floor == floor])
-            distance[on_floor] = signed_edge_distance(floor, true_x[on_floor], true_y[on_floor])[0]
-        return distance
+    grounds = {
+        floor: np.isin(run, [k for k, one in enumerate(found.floors) if one == floor])
+        for floor in found.floors
+    }
 
     def edges(at: Floats) -> Floats:
-        return edges_of(_camera(at))
+        """Return each sample's signed distance from the nearest edge, at its true position as of a camera."""
+        true_x, true_y = _camera(at).true(x, y, found.arena_m)
+        distance = np.empty(x.size)
+        for floor, on_floor in grounds.items():
+            distance[on_floor] = signed_edge_distance(floor, true_x[on_floor], true_y[on_floor])[0]
+        return distance
 
     def best(theta: Floats, start: Floats, weight: Floats) -> Floats:
         """Return the ``at`` of largest likelihood, with the Gamma distributions of ``theta`` fixed.

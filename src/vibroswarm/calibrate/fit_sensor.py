@@ -24,9 +24,8 @@ distribution for vibrating tiles; the same three for still tiles; reach (cm); lo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -225,7 +224,7 @@ def log_likelihoods(theta: Floats, energy: Floats, edge_m: Floats) -> Floats:
         energy, edge_m: energy and signed distance from the edge of each sample, (samples,).
     """
     ones = np.ones(energy.size)
-    from_vibrating, from_still = _parts_of(_Data(energy, edge_m, vibrating=ones, still=ones))(theta)
+    from_vibrating, from_still = _parts_of(_Data(energy, edge_m, vibrating=ones, still=ones), theta)
     return np.asarray(np.log(from_vibrating + from_still + _FLOOR))
 
 
@@ -301,30 +300,17 @@ def _density(energy: Floats, shape: float, scale: float, location: float) -> Flo
     return np.where(inside, np.exp((shape - 1) * np.log(x) - x - gammaln(shape)) / scale, 0.0)
 
 
-def _parts_of(data: _Data) -> Callable[[Floats], tuple[Floats, Floats]]:
-    """Return a function of theta: the two terms of each sample's likelihood, (samples,) each, vibrating tile first.
-
-    It remembers what the parameters of one kind of tile, and of edges, gave: a search changes one parameter at a time.
-    """
-    energy_vibrating, energy_still = data.energy / data.vibrating, data.energy / data.still
-
-    @lru_cache(maxsize=8)
-    def below(reach_cm: float, log_blur_cm: float) -> Floats:
-        return np.asarray(ndtr((reach_cm / 100.0 - data.edge_m) / (np.exp(log_blur_cm) / 100.0)))  # P(d)
-
-    @lru_cache(maxsize=8)
-    def vibrating(log_shape: float, log_scale: float, location: float) -> Floats:
-        return _density(energy_vibrating, np.exp(log_shape), np.exp(log_scale), location)
-
-    @lru_cache(maxsize=8)
-    def still(log_shape: float, log_scale: float, location: float) -> Floats:
-        return _density(energy_still, np.exp(log_shape), np.exp(log_scale), location)
-
-    def parts(theta: Floats) -> tuple[Floats, Floats]:
-        p = below(*theta[6:])
-        return p * vibrating(*theta[:3]) / data.vibrating, (1 - p) * still(*theta[3:6]) / data.still
-
-    return parts
+def _parts_of(data: _Data, theta: Floats) -> tuple[Floats, Floats]:
+    """Return the two terms of each sample's likelihood, (samples,) each, vibrating tile first."""
+    p = ndtr((theta[6] / 100.0 - data.edge_m) / (np.exp(theta[7]) / 100.0))  # P(d)
+    vibrating, still = (
+        _density(data.energy / factor, np.exp(log_shape), np.exp(log_scale), location) / factor
+        for factor, (log_shape, log_scale, location) in (
+            (data.vibrating, theta[:3]),
+            (data.still, theta[3:6]),
+        )
+    )
+    return p * vibrating, (1 - p) * still
 
 
 def _fit(data: _Data, weight: Floats, theta: Floats, quick: bool = False) -> Floats:
@@ -335,10 +321,8 @@ def _fit(data: _Data, weight: Floats, theta: Floats, quick: bool = False) -> Flo
         quick: whether few iterations are enough, as in a bootstrap that starts from the best theta.
     """
 
-    parts = _parts_of(data)
-
     def loss(at: Floats) -> float:
-        from_vibrating, from_still = parts(at)
+        from_vibrating, from_still = _parts_of(data, at)
         return -float(weight @ np.log(from_vibrating + from_still + _FLOOR)) / float(weight.sum())
 
     # Bounds of theta: log shape, log scale and location of each kind of tile, reach (cm), log blur (cm).
@@ -370,7 +354,7 @@ def _factors(
     Returns:
         Log factors of the tiles, (tiles,), and of the robots, (clusters,), and how far both are apart.
     """
-    from_vibrating, from_still = _parts_of(data)(theta)
+    from_vibrating, from_still = _parts_of(data, theta)
     # Probability that a sample was read on a vibrating tile. Without ``_FLOOR`` it would be 0 / 0 for an energy that is
     # impossible on both kinds; such a sample counts as read on the still tile.
     share = from_vibrating / (from_vibrating + from_still + _FLOOR)

@@ -9,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.calibrate.features import FEATURES, sessions_of
+from vibroswarm.calibrate.features import FEATURES, values_of
+from vibroswarm.calibrate.samples import sample_table
 from vibroswarm.core.numbers import number
 from vibroswarm.plots.layout import legend_below, new_figure, panels_of, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
@@ -38,13 +39,6 @@ BINS: Final = {"avoidance": 40, "vibrating": 48, "still": 48, "places": 15, "dis
 """Number of bins along each axis, by feature."""
 ACROSS: Final = 2
 """Maps side by side."""
-_SCHEMA: Final = {
-    "source": pl.String,
-    "feature": pl.String,
-    "x": pl.Float64,
-    "y": pl.Float64,
-    "share": pl.Float64,
-}
 
 
 def histograms_of(sources: Mapping[str, Result]) -> pl.DataFrame:
@@ -58,22 +52,19 @@ def histograms_of(sources: Mapping[str, Result]) -> pl.DataFrame:
     """
     frames = []
     for source, result in sources.items():
-        sessions = sessions_of(result)
+        samples = sample_table(result)
         for feature in FEATURES:
-            values = np.concatenate(sessions.values(feature))
-            spans, bins = SPANS[feature], BINS[feature]
-            counts, edges = np.histogramdd(values, bins=[bins] * len(spans), range=spans)
-            centres = [(edge[:-1] + edge[1:]) / 2 for edge in edges]
-            grid = np.meshgrid(*centres, indexing="ij")
+            values, spans = values_of(samples, feature), SPANS[feature]
+            counts, edges = np.histogramdd(values, bins=[BINS[feature]] * len(spans), range=spans)
+            grid = np.meshgrid(*((edge[:-1] + edge[1:]) / 2 for edge in edges), indexing="ij")
             columns = {
-                "source": [source] * counts.size,
-                "feature": [feature] * counts.size,
                 "x": grid[0].ravel(),
-                "y": grid[1].ravel() if len(grid) > 1 else [None] * counts.size,
+                "y": grid[1].ravel() if len(grid) > 1 else np.full(counts.size, np.nan),
                 "share": counts.ravel() / max(len(values), 1),
             }
-            frames.append(pl.DataFrame(columns, schema=_SCHEMA))
-    return pl.concat(frames)
+            named = {"source": pl.lit(source), "feature": pl.lit(feature)}
+            frames.append(pl.DataFrame(columns).select(**named, **{name: pl.col(name) for name in columns}))
+    return pl.concat(frames).with_columns(pl.col("y").fill_nan(None))
 
 
 @drawn
@@ -117,9 +108,17 @@ def draw_maps(frame: pl.DataFrame, feature: str, *, title: str = "", style: str 
     panels = frame.partition_by("panel", maintain_order=True)
     # A panel is about half as wide as the figure, so 0.48 of the width as height makes it nearly square.
     figure = new_figure(sizes, height_in=math.ceil(len(panels) / ACROSS) * sizes.width_in * 0.48, title=title)
-    highest = highest_of(frame)
+    # A single extreme bin of a map must not make all others pale.
+    highest = float(np.quantile(frame["share"].to_numpy(), 0.999))
+    (left, right), (bottom, top) = SPANS[feature]
+    aspect: Any = "auto" if feature == "distances" else "equal"  # both axes of the others are lengths
     for place, axes in enumerate(panels_of(figure, len(panels), ACROSS, sharex=True, sharey=True)):
-        draw_panel(axes, panels[place], feature, highest)
+        # One row per y, ascending, and one column per x, in the order of the frame.
+        shares = panels[place].pivot("x", index="y", values="share").sort("y").drop("y").to_numpy()
+        axes.imshow(
+            shares, origin="lower", extent=(left, right, bottom, top), aspect=aspect, cmap="Greys", vmin=0.0,
+            vmax=highest, interpolation="nearest",
+        )  # fmt: skip
         axes.set_title(panels[place]["panel"][0], fontsize=sizes.small_pt)
         axes.locator_params(nbins=4)
         axes.xaxis.set_tick_params(labelbottom=place + ACROSS >= len(panels))  # if no panel is below
@@ -131,37 +130,3 @@ def draw_maps(frame: pl.DataFrame, feature: str, *, title: str = "", style: str 
         f"{number(highest, digits=3)}."
     )
     return Picture(figure, frame.select("panel", "x", "y", "share"), caption)
-
-
-def highest_of(frame: pl.DataFrame) -> float:
-    """Return the share at the end of a common scale: of bars the highest, of maps one that few bins exceed.
-
-    A single extreme bin of a map must not make all others pale.
-
-    Args:
-        frame: rows of ``histograms_of`` of one feature.
-    """
-    return float(np.quantile(frame["share"].to_numpy(), 1.0 if frame["y"].null_count() else 0.999))
-
-
-def draw_panel(axes: Any, part: pl.DataFrame, feature: str, highest: float, colour: str = "") -> None:
-    """Draw the histogram of one source: as bars in a colour, or as a grey map of two columns.
-
-    Args:
-        part: rows of ``histograms_of`` of one source and feature. highest: end of the scale (``highest_of``).
-    """
-    spans = SPANS[feature]
-    if len(spans) == 1:
-        edges = np.linspace(*spans[0], BINS[feature] + 1)
-        axes.stairs(part.sort("x")["share"].to_numpy(), edges, fill=True, color=colour)
-        axes.set_ylim(0.0, 1.05 * highest)
-        return
-    # Shares as an image: one row per y, ascending, and one column per x, in the order of the frame.
-    shares = part.pivot("x", index="y", values="share").sort("y").drop("y").to_numpy()
-    extent = tuple(end for span in spans for end in span)  # left, right, bottom, top
-    aspect = "auto" if feature == "distances" else "equal"  # both axes of the others are lengths
-    axes.imshow(
-        shares, origin="lower", extent=extent, aspect=aspect, cmap="Greys", vmin=0.0, vmax=highest,
-        interpolation="nearest",
-    )  # fmt: skip
-    axes.locator_params(axis="x", nbins=6)

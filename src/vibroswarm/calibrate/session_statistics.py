@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.calibrate.drive import drive_of, drive_table
-from vibroswarm.calibrate.features import lag_one, nearest_tile, sample_table
+from vibroswarm.calibrate.drive import LEAST_DRIVES, drive_table, line_of
+from vibroswarm.calibrate.samples import ROUNDING_S, lag_one, nearest_tile, sample_table
 from vibroswarm.result import Result
 from vibroswarm.statistics.intervals import Interval, mean_interval, mean_share_interval
 from vibroswarm.statistics.sampling import packet_loss
@@ -49,6 +49,10 @@ SHARES: Final = ("share_between", "avoid_none", "false_positive", "false_negativ
 """Statistics between 0 and 1."""
 
 
+SPAN_S: Final = 1200.0
+"""Time in which the drop of the speed is measured."""
+
+
 @dataclass(frozen=True)
 class Figure:
     """A statistic of a result, for each session and as a mean over sessions."""
@@ -60,20 +64,6 @@ class Figure:
     interval: Interval | None
     """Mean over sessions with its interval; None if no session has a value."""
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, in SI units.
-
-        Limits that are not finite, as with one session, become None. Without an interval, there are no entries for the
-        estimate and its limits.
-        """
-        values: dict[str, Any] = {"name": self.name, "by_session": list(self.by_session)}
-        if self.interval is not None:
-            low, high = (
-                end if math.isfinite(end) else None for end in (self.interval.low, self.interval.high)
-            )
-            values |= {"estimate": self.interval.estimate, "low": low, "high": high}
-        return values
-
 
 def figures_of(result: Result, rms_threshold: float | None = None) -> list[Figure]:
     """Return all statistics of a result, in the order of ``FIGURES``; each run is a session.
@@ -84,26 +74,43 @@ def figures_of(result: Result, rms_threshold: float | None = None) -> list[Figur
         InputError: the result has no energies.
     """
     threshold = result.scenario.sensor.rms_threshold if rms_threshold is None else rms_threshold
-    samples, drives, lost = sample_table(result), drive_table(result), packet_loss(result)
-    columns: dict[str, list[float | None]] = {name: [] for name in FIGURES}
+    samples, lost = sample_table(result), packet_loss(result)
+    drives = drive_table(result, samples)
+    sessions: list[dict[str, Any]] = []
     for run in result.runs["run"].to_list():
-        values: dict[str, Any] = drive_of(drives.filter(pl.col("run") == run))
-        values |= _of_samples(result, samples.filter(pl.col("run") == run), threshold)
-        own = lost.filter(pl.col("run") == run)["packet_loss"]
-        values["packet_loss"] = own[0] if own.len() else None
-        for name, column in columns.items():
-            value = values[name]
-            column.append(None if value is None or not math.isfinite(value) else float(value))
-    known = {name: [value for value in column if value is not None] for name, column in columns.items()}
-    return [
-        Figure(name, tuple(column), _interval(name, known[name]) if known[name] else None)
-        for name, column in columns.items()
-    ]
+        values = _of_drives(drives.filter(run=run)) | _of_samples(result, samples.filter(run=run), threshold)
+        sessions.append(values | {"packet_loss": next(iter(lost.filter(run=run)["packet_loss"]), None)})
+    figures = []
+    for name in FIGURES:
+        column = [session.get(name) for session in sessions]
+        values_of = [None if one is None or not math.isfinite(one) else float(one) for one in column]
+        known = [one for one in values_of if one is not None]
+        interval = mean_share_interval if name in SHARES else mean_interval
+        figures.append(Figure(name, tuple(values_of), interval(known) if known else None))
+    return figures
 
 
-def _interval(name: str, values: list[float]) -> Interval:
-    """Return the mean of a statistic over sessions with its interval; the interval of a share stays in [0, 1]."""
-    return mean_share_interval(values) if name in SHARES else mean_interval(values)
+def _of_drives(drives: pl.DataFrame) -> dict[str, Any]:
+    """Return the statistics of one session's drives by name; robots with few drives are left out."""
+    lines = [line_of(own) for own in drives.partition_by("robot") if own.height >= LEAST_DRIVES]
+    if not lines:
+        return {}
+    table = pl.DataFrame(lines, infer_schema_length=None)
+    speed, veer = pl.col("speed_m_s"), pl.col("veer_rad_s").cast(pl.Float64)
+    values = table.select(
+        speed.mean(),
+        pl.col("start_speed_m_s", "lag_one").mean(),
+        drop=(SPAN_S * pl.col("lost_per_s")).mean(),
+        between_m_s=speed.std(),
+        within_m_s=pl.col("within_m_s").pow(2).mean().sqrt(),
+        veer_rad_s=veer.mean(),
+        veer_between_rad_s=veer.std(),
+        veer_within_rad_s=pl.col("veer_within_rad_s").cast(pl.Float64).mean(),
+    ).to_dicts()[0]
+    if values["between_m_s"] is not None:
+        between, within = values["between_m_s"] ** 2, values["within_m_s"] ** 2
+        values["share_between"] = between / max(between + within, 1e-30)
+    return values
 
 
 def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict[str, Any]:
@@ -117,13 +124,12 @@ def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict
     x, y, wall, energy = (samples[name].to_numpy() for name in ("x_m", "y_m", "wall_m", "energy"))
     kind, bits = samples["vibrating"].to_numpy(), energy > threshold  # kind: whether the tile below vibrates
     avoid = samples["avoid_s"].drop_nulls().to_numpy()
-    # Up to 1e-9 s is rounding, not avoidance: recorded times are differences of logged totals.
-    positive = avoid[avoid > 1e-9]
+    positive = avoid[avoid > ROUNDING_S]
     return {
         "spacing_s": samples["spacing_s"].mean(),
         "distance_m": samples["distance_m"].mean(),
         "avoid_s": avoid.mean() if avoid.size else None,
-        "avoid_none": (avoid <= 1e-9).mean() if avoid.size else None,
+        "avoid_none": (avoid <= ROUNDING_S).mean() if avoid.size else None,
         "avoid_most_s": np.quantile(positive, 0.975) if positive.size else None,
         **_density(result, x, y),
         # Within 25 mm of the nearest wall, and 50 to 75 mm from it.

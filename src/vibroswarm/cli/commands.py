@@ -85,7 +85,6 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
         Command("calibrate compare", "how similar recordings and simulations are", "calibrate:compare"),
         Command("calibrate figures", "how robots drive, avoid, spread and read", "calibrate:figures"),
         Command("calibrate fit", "fit a scenario to recordings, and validate it", "calibrate:fit"),
-        Command("calibrate bursts", "whether robots lose messages in bursts", "calibrate:bursts"),
     ),
     "results": (
         Command("show", "show a folder or file that a command has written", "show:show"),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import deliver, print_report, print_saved_file
 from vibroswarm.cli.inspection import size
-from vibroswarm.cli.option_values import pair_of, refuse
+from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Drawn, Force, Json, OutFile, Required, ScenarioOptions
 from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.scenario_options import keywords_of, scenario_from, scenario_named
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from vibroswarm.recordings.log import Log
     from vibroswarm.scenario.scenario import Scenario
 
-costs = pair_of(":", "A:B, such as 1:5", float, low=0)
-"""Reads the costs of a false positive and of a false negative, of which only the ratio matters."""
 Folder = Annotated[Path, Option("folder of a recording (lab import)", "DIR")]
 
 
 def import_logs(
-    *logs: Annotated[Path, Option("one log per session, or folder of 'lab track'", "LOG")],
+    *logs: Annotated[
+        Path, Option("one log per session, or folder of 'lab track', or of a log for each robot", "LOG")
+    ],
     reader: Annotated[str | None, Option("format of the logs (default: detected)")] = None,
     columns: Annotated[Path | None, Option("read any CSV with this column map (TOML)", "MAP")] = None,
     acceleration: Annotated[
@@ -56,8 +56,8 @@ def import_logs(
       vibroswarm lab import camera.csv --columns columns.toml --floor world.txt --tiles 5x5 --out lab
       vibroswarm lab import tracked-1 tracked-2 --floor world.txt --tiles 5x5 --out lab
     """
-    from vibroswarm.documents.recording import import_document, write_pages
     from vibroswarm.recordings.assemble_recording import recording_of
+    from vibroswarm.report.recording import of_import, write_pages
     from vibroswarm.study.options import check_one_floor, stated_fields
 
     refuse(
@@ -75,7 +75,7 @@ def import_logs(
         recording = recording_of(read, floor, made, stated, robots=robots, any_floor=any_floor)
     recording.write_into(output.out)
     pages = write_pages(recording, output.out)
-    deliver(import_document(recording, pages, computed), output, page=pages[0], is_result=True)
+    deliver(of_import(recording, computed), output, page=pages[0], is_result=True)
 
 
 def _logs_of(
@@ -92,15 +92,15 @@ def _logs_of(
         the content of each file that was read, by which a repeated import of the same files is recognised.
     """
     from vibroswarm.recordings.acceleration import with_energies
-    from vibroswarm.recordings.log_readers import log_file, named_by_folder, read_log
+    from vibroswarm.recordings.read import CAMERA_LOG, read_log
+    from vibroswarm.recordings.read_tables import files_of
 
-    files = [log_file(path) for path in paths]
-    logs = [
-        named_by_folder(read_log(file, reader, columns, has_energies=acceleration is None), path, file)
-        for path, file in zip(paths, files, strict=True)
-    ]
-    logs, computed = with_energies(logs, scenario, acceleration)
-    read = [*files, *([columns] if columns is not None else []), *(acceleration or ())]
+    logs, computed = with_energies(
+        [read_log(path, reader, columns) for path in paths], scenario, acceleration
+    )
+    files = [file for path in paths for file in files_of(path, CAMERA_LOG)]
+    more = [file for path in acceleration or () for file in files_of(path)]
+    read = [*files, *([columns] if columns is not None else []), *more]
     contents = [path.read_bytes() for path in read]
     first: dict[bytes, Path] = {}
     for file, content in zip(files, contents, strict=False):  # of the logs, which come first
@@ -156,9 +156,9 @@ def replay(
 ) -> None:
     """Replay strategies on the energies of a recording: what each would have decided on these observations.
 
-    As many packets are lost as its log counts; which ones is not logged and is drawn at random. If it counts none, all
-    are heard, or those that the network of 'lab import --network' delivers. Strategies that read places get those of
-    the recording, as if robots knew them.
+    Packets are lost at random, with the share that its log counts. If it counts none, all are heard, or those that the
+    network of 'lab import --network' delivers. Strategies that read places get those of the recording, as if robots
+    knew them.
 
     examples:
       vibroswarm lab replay lab --strategy none,positive,soft --gate own --set rms_threshold=1.4
@@ -186,12 +186,7 @@ def threshold(
     folder: Folder,
     /,
     *,
-    costs: Annotated[
-        tuple[float, ...],
-        Option("cost of a false positive to that of a false negative (default 1:1)", "A:B", read=costs),
-    ] = (1.0, 1.0),
     at: Annotated[float | None, Option("also report on this threshold", "THETA", low=0)] = None,
-    margin_mm: Annotated[float, Option("width of edge zones (default 20 mm)", "MM", low=0)] = 20.0,
     out: OutFile = None,
     law: Annotated[
         Path | None,
@@ -209,12 +204,11 @@ def threshold(
 ) -> None:
     """Recommend a threshold theta_E from recordings on a known floor, and say whether the floor is decidable with it.
 
-    It is that of equal error, or of the given costs; its errors, with and without the edges of tiles, stand beside
-    those of the threshold in use. With several sessions, each is also judged by the threshold of the others. The
-    scenarios of --out and --law have the threshold of --at, else that of --costs, else that of equal error.
+    It is that of equal error; its errors stand beside those of the threshold in use. With
+    several sessions, each is also judged by the threshold of the others. The scenarios of --out and --law have the
+    threshold of --at, else that of equal error.
 
     examples:
-      vibroswarm lab threshold lab --costs 1:5
       vibroswarm lab threshold lab --law law.toml       then: vibroswarm inspect other --laws law.toml
     """
     from vibroswarm.inspection.laws import law_of_recordings, law_table, write_law
@@ -224,7 +218,7 @@ def threshold(
     _check_scenario_files(out, law, base, force=force)
     recording = Recording.read(folder)
     scenario = recording.scenario if base is None else scenario_named(base)
-    found = recommend(recording, (costs[0], costs[1]), at, margin_mm / 1000.0)
+    found = recommend(recording, at)
     written = round(found.chosen.value, found.chosen.decimals)
     scenario = scenario.with_values({"sensor.rms_threshold": written})
     if law is not None:
@@ -251,52 +245,71 @@ def _check_scenario_files(out: Path | None, law: Path | None, base: str | None, 
 
 
 def spectrum(
-    acceleration: Annotated[Path, Option("CSV with the columns robot, time_s, ax, ay, az", "FILE")],
+    acceleration: Annotated[
+        Path,
+        Option("CSV with the columns robot, time_s, ax, ay, az (or a folder of them)", "FILE"),
+    ],
     /,
     *,
     rate: Annotated[
         float | None, Option("readings per second (default: as the times say)", "HZ", low=1)
     ] = None,
     signal_ms: Annotated[float, Option("part of each stop that is used, its end", "MS", low=1)] = 500.0,
+    stop_s: Annotated[
+        float | None, Option("cut a recording without pauses into pieces of this length", "S", low=0.01)
+    ] = None,
     unit: Annotated[Literal["m/s2", "mm/s2", "g"], Option("of the acceleration")] = "m/s2",
-    axis: Annotated[Literal["magnitude", "x", "y", "z"], Option("what spectra are of")] = "magnitude",
-    by: Annotated[str, Option("groups with spectra of their own: robot, tile, place, time", "A,B")] = "robot",
+    axis: Annotated[
+        Literal["magnitude", "x", "y", "z"] | None,
+        Option(
+            "what spectra are of (default: the magnitude; without gravity in the readings the strongest axis)"
+        ),
+    ] = None,
+    by: Annotated[str, Option("groups with spectra of their own: robot, tile, time", "A,B")] = "robot",
     size: Annotated[
         tuple[float, ...], Option("width and height of the surface, m (default 1x1)", "WxH", read=size)
     ] = (1.0, 1.0),
     tiles: Annotated[str, Option("rows and columns of tiles", "RxC")] = "5x5",
-    motors: Annotated[
-        tuple[float, ...], Option("known frequencies, by kind of tile from 1 on", "HZ,...")
-    ] = (),
     output: Drawn,
 ) -> None:
-    """At which frequencies a surface vibrates, by robot, tile, place and time.
+    """At which frequencies a surface vibrates, by robot, tile and time.
 
     A sample is what a robot takes it from: the last readings of each of its stops, between pauses of the recording (or
-    by a column `sample`). Columns `x_m` and `y_m` say where. Lines have 95 % intervals, and say which frequencies the
-    rate would fold onto them.
+    by a column `sample`, or of pieces, --stop-s). Columns `x_m` and `y_m` say where. One axis is enough. Lines
+    have 95 % intervals, and say which frequencies the rate would fold onto them.
 
     examples:
       vibroswarm lab spectrum acceleration.csv --by robot,time
-      vibroswarm lab spectrum acceleration.csv --axis z --by tile --motors 90,140 --out spectrum
+      vibroswarm lab spectrum acceleration.csv --axis z --by tile --out spectrum
     """
-    from vibroswarm.documents.spectrum import spectra_frame
     from vibroswarm.floors.io import parse_tiles
-    from vibroswarm.recordings.spectrum import Group, spectra_of
+    from vibroswarm.recordings.spectrum import Group, spectra_frame, spectra_of
 
     groups = tuple(part.strip() for part in by.split(",") if part.strip())
     for group in groups:
         check_choice(group, "--by", get_args(Group))
-    claim(output, "lab spectrum", str(acceleration), rate, signal_ms, unit, axis, by, size, tiles, motors)
+    claim(
+        output,
+        "lab spectrum",
+        str(acceleration),
+        rate,
+        signal_ms,
+        stop_s,
+        unit,
+        axis,
+        by,
+        size,
+        tiles,
+    )
     found = spectra_of(
         acceleration,
         rate_hz=rate,
         signal_ms=signal_ms,
+        stop_s=stop_s,
         unit=unit,
         axis=axis,
         by=cast(tuple[Group, ...], groups),
         size_m=(size[0], size[1]),
         tiles=parse_tiles(tiles),
-        motors_hz=motors,
     )
     deliver(found, output, {"spectra": spectra_frame(found)})

@@ -35,7 +35,7 @@ class MarkerOptions:
     markers: Annotated[
         str,
         Option(
-            "which markers are where (TOML, docs/camera.md); or ids on robots 0, 1, ..., such as 0,1,2,3,4, with "
+            "which markers are where (TOML, docs/lab.md); or ids on robots 0, 1, ..., such as 0,1,2,3,4, with "
             "floor markers in the usual places",
             "FILE|IDS",
         ),
@@ -105,9 +105,8 @@ def track(
       vibroswarm lab track day1.mp4 --markers markers.toml --lens chessboard.mp4 --log day1.csv \\
           --floor world.txt --tiles 5x5 --out tracked
     """
-    from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
-    from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes
+    from vibroswarm.recordings.read import CAMERA_LOG, camera_log_bytes
     from vibroswarm.study.options import stated_fields
     from vibroswarm.tracking import opencv
     from vibroswarm.tracking.track import with_positions, write_tables
@@ -139,7 +138,7 @@ def track(
         recording.write_into(output.out)
         (output.out / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
     write_tables(output.out, tracking)
-    deliver(tracking_document(tracking, tracked, samples), output, is_result=True)
+    deliver(tracking, output, is_result=True, tracked=tracked)
 
 
 def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> pl.DataFrame | None:

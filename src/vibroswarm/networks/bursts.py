@@ -14,7 +14,7 @@ change as a Markov chain in time, not per message, so that a burst lasts as long
 With T = 0 the state is redrawn for each message, so losses are independent, with probability
 b lost_in_bad + (1 - b) lost_in_good. In the models of Gilbert (1960) and Elliott (1963) the chain steps at each bit
 that is sent; in the recordings the length of bursts is a matter of time. The defaults are fitted to the recordings of
-the study's robots (``calibrate.message_loss``, docs/networks.md).
+the study's robots (docs/networks.md).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Params:
         Field(
             ge=0,
             le=1,
-            description="Share of time in the bad state; `calibrate bursts` fits all four to a recording.",
+            description="Share of time in the bad state.",
         ),
     ] = 0.0129
     bad_s: Annotated[

@@ -20,7 +20,7 @@ from vibroswarm.floors import read_tiles
 from vibroswarm.floors.floor import Floor
 from vibroswarm.networks.loss_by_size import MOST
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.read import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.scenario.scenario import Scenario, preset
 

@@ -1,15 +1,19 @@
-"""Make a recording from the logs of sessions: its tables, its settings, and what is inferred from the logs."""
+"""Make a recording from the logs of sessions: its tables, its settings, and what is inferred from the logs.
+
+Between known positions a robot's path is taken as a straight line; the table of poses has those
+positions. The heading at one is the direction of the line that begins there, since most logs have no headings. It is
+not known whether a robot turned or avoided between two positions, so every kind is ``drive``, except for stops.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.numbers import count, number
+from vibroswarm.core.arrays import Floats
 from vibroswarm.errors import InputError, number_of
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
@@ -19,18 +23,8 @@ from vibroswarm.localisation.locate import PLACES
 from vibroswarm.motion.motion_tables import ENDS, MOTION, POSES
 from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.recordings.floor_fit import check_floor
-from vibroswarm.recordings.infer_settings import infer_settings
-from vibroswarm.recordings.inferred import Inferred
-from vibroswarm.recordings.log import (
-    COUNTED,
-    OWN_PLACE,
-    Log,
-    gaps_of,
-    in_order,
-    knots_of,
-    of_camera,
-    poses_of,
-)
+from vibroswarm.recordings.infer import Inferred, infer_settings
+from vibroswarm.recordings.log import SAMPLES, Log
 from vibroswarm.recordings.recording import PLACES as TRACKED
 from vibroswarm.recordings.recording import ROWS, Recording
 from vibroswarm.result import RECORDED, change_frame, floor_frame
@@ -39,25 +33,28 @@ from vibroswarm.simulation import versions
 
 USUAL_AGE_S: Final = 0.25
 """A sample's position that was seen longer before the sample than this is counted as old."""
-LATE_BEGINNING_S: Final = 10.0
-"""A log whose first row is later than this was begun late, or has a clock that did not begin with the session."""
-STOOD_M: Final = 0.005
-"""A robot that never got farther than this along an axis did not move: positions are hardly less exact."""
-JUMP: Final = 3.0
-"""A step this many times as fast as the median one is none that a robot drove."""
-JUMP_M: Final = 0.025
-"""A shorter step may be an inexact position."""
-SILENT: Final = 3.0
-"""A silence of all robots this many times as long as a robot's usual interval between rows is a pause."""
 APART_S: Final = 60.0
 """If the rows of a robot are usually farther apart than this, times are probably not in seconds."""
-GONE_S: Final = 60.0
-"""A robot whose last known position is older than this at the end of the session is counted as gone; one that is seen
-for the first time so much later than another, as late. A longer time without any row is a pause."""
-
-
+STANDING_M: Final = 0.002
+"""Positions are accurate to a quarter of a millimetre; a smaller step has no usable direction."""
+GAP_S: Final = 0.5
+"""The camera sees a robot every 0.22 s or 0.44 s; an interval longer than this is a gap."""
 EDGE_M: Final = 1e-9
 """A position closer to a wall than this is on the wall."""
+COUNTED: Final = {
+    "rows": "rows read",
+    "missing": "rows without a time or a place: left out",
+    "rows_repeated": "repeated rows: removed",
+    "samples": "samples",
+    "samples_lost": "samples without a row, by the count of messages sent",
+    "counters_wrapped": "wraps of counters: unwrapped",
+    "tracking_gaps": "gaps in tracking of more than half a second: interpolated linearly",
+    "tracking_gap_longest_s": "s, the longest such gap",
+    "positions_old": "samples with a position older than the usual quarter of a second",
+    "off_the_floor": "samples off all tiles; if these are many, state arena.width_m and arena.height_m",
+    "rows_apart_s": "s usually between two rows of a robot: times must be in seconds",
+}
+"""Counts that are made while a log is read: what is counted, in words."""
 
 
 def recording_of(
@@ -78,37 +75,33 @@ def recording_of(
         robots: numbers of the robots in the logs; None: every robot that a log has, and all logs must have the same.
         any_floor: whether to accept a floor that does not fit the energies.
     Raises:
-        InputError: no log, a log without samples, without rows of one of ``robots``, or with invalid rows
-            (``log.in_order``), logs of different robots, a setting of a log that the scenario refuses, or a floor that
-            does not fit.
+        InputError: no log, a log without samples, logs of different robots, a setting of a log that the scenario
+            refuses, or a floor that does not fit.
     """
     if not logs:
         raise InputError("give at least one log", field="LOG")
-    ordered = []
-    for log in logs:
-        ordered.append(in_order(log, robots))
-        if ordered[-1].samples.is_empty():
-            raise InputError("has no sample (a row with an energy)", field=log.name)
-    names = _robots_of(ordered, robots)
+    names = _robots_of(logs, robots)
     inferred = infer_settings(
-        ordered,
+        logs,
         prior=(scenario.decision.prior_alpha, scenario.decision.prior_beta),
         eta=scenario.strategy.table("soft").eta,
         kappa=scenario.strategy.table("soft").kappa,
-        stop_s=_stop_s(scenario, stated, ordered),
+        stop_s=_stop_s(scenario, stated, logs),
     )
-    described, stated = _described(scenario, list(stated), ordered, inferred, floor, robots=len(names))
-    sessions = [_session(run, log, names, described, floor) for run, log in enumerate(ordered)]
+    described, stated = _described(scenario, list(stated), logs, inferred, floor, robots=len(names))
+    sessions = [_session(run, log, names, described, floor) for run, log in enumerate(logs)]
     # The tables of all sessions, one below the other.
     tables = {name: pl.concat([one.tables[name] for one in sessions]) for name in sessions[0].tables}
-    # Both tables have a row per sample, in the same order.
-    samples = tables["motion"].with_columns(energy=tables["rows"]["energy"])
+    # All three tables have a row per sample, in the same order.
+    samples = tables["motion"].with_columns(
+        energy=tables["rows"]["energy"], observation=tables["observations"]["observation"]
+    )
     floor_words = (
         check_floor(floor, samples) if not any_floor else "The fit of the floor was not tested (--any-floor)."
     )
     if tables["places"].is_empty():
         del tables["places"]
-    floors = dict.fromkeys(range(len(ordered)), floor)
+    floors = dict.fromkeys(range(len(logs)), floor)
     finals = pl.concat([one.finals for one in sessions])
     robot_frame, runs = _outcomes(described, floors, finals, tables["ends"])
     return Recording(
@@ -119,12 +112,12 @@ def recording_of(
         runs=runs,
         floors=floor_frame(floors),
         changes=change_frame(floors),
-        source=f"{RECORDED} ({', '.join(sorted({log.reader for log in ordered}))})",
+        source=f"{RECORDED} ({', '.join(sorted({log.reader for log in logs}))})",
         versions=versions(),
         names=names,
         sessions=tuple(one.about for one in sessions),
         stated=tuple(stated),
-        inferred=tuple(asdict(setting) for setting in inferred),
+        inferred=tuple(setting._asdict() for setting in inferred),
         floor_words=floor_words,
     )
 
@@ -133,20 +126,27 @@ def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, 
     """Return the numbers of the robots, ascending: ``robots``, or if it is None, those of the logs.
 
     Raises:
-        InputError: ``robots`` is None and the logs have different robots.
+        InputError: a log has no samples, or other robots than the first, or than ``robots``.
     """
-    by_log = [sorted({*log.samples["robot"].to_list(), *log.tracks["robot"].to_list()}) for log in logs]
-    if robots is not None:
-        return tuple(sorted(robots))
+    by_log = [{*log.samples["robot"], *log.tracks["robot"]} for log in logs]
     for log, numbers in zip(logs, by_log, strict=True):
-        if numbers != by_log[0]:
+        if log.samples.is_empty():
+            raise InputError("has no sample (a row with an energy, or with an observation)", field=log.name)
+        if (robots is None and numbers != by_log[0]) or log.robots != logs[0].robots:
             raise InputError(
-                f"has robots {', '.join(map(str, numbers))}, and '{logs[0].name}' {', '.join(map(str, by_log[0]))}; "
-                "sessions of one recording must have the same robots. Put the rows of a session into one file; import "
-                "a session of other robots into a folder of its own",
+                f"has robots {_listed(log.robots or numbers)}, and '{logs[0].name}' "
+                f"{_listed(logs[0].robots or by_log[0])}; sessions of one recording must have the same robots",
                 field=log.name,
             )
-    return tuple(by_log[0])
+        if robots is not None and numbers.difference(robots):
+            raise InputError(
+                f"has robots {_listed(numbers)}, and there are {_listed(robots)}", field=log.name
+            )
+    return tuple(sorted(robots if robots is not None else by_log[0]))
+
+
+def _listed(robots: Iterable[object]) -> str:
+    return ", ".join(map(str, sorted(robots, key=str)))
 
 
 def _stop_s(scenario: Scenario, stated: Sequence[str], logs: Sequence[Log]) -> float:
@@ -204,24 +204,11 @@ def _end_of(log: Log) -> float:
     return max(float(frame["time_s"].max() or 0.0) for frame in (log.samples, log.tracks))  # type: ignore[arg-type]
 
 
-def _late_beginning_of(log: Log) -> float:
-    """Return the time of the first row of a log, s; 0 if it is not later than usual."""
-    times = [frame["time_s"].min() for frame in (log.samples, log.tracks) if frame.height]
-    first_s = round(float(min(times)), 6)  # type: ignore[type-var,arg-type]
-    return first_s if first_s > LATE_BEGINNING_S else 0.0
-
-
 def rows_apart_s(rows: pl.DataFrame, least_s: float = APART_S) -> float:
     """Return the median time between two rows (robot, time_s) of a robot, s; 0 if it is not over ``least_s``."""
     between_s = rows.sort("time_s").select(pl.col("time_s").diff().over("robot")).drop_nulls().to_series()
     apart_s = float(np.median(between_s)) if between_s.len() else 0.0
     return round(apart_s, 6) if apart_s > least_s else 0.0
-
-
-def longest_silence_s(rows: pl.DataFrame) -> float:
-    """Return the longest time without a row of any robot, s; 0 if it is short, or no longer than a few intervals."""
-    silent_s = float(np.diff(np.sort(rows["time_s"].to_numpy())).max(initial=0.0))
-    return round(silent_s, 6) if silent_s > max(GONE_S, SILENT * rows_apart_s(rows, 0.0)) else 0.0
 
 
 class _Session(NamedTuple):
@@ -232,14 +219,14 @@ class _Session(NamedTuple):
     finals: pl.DataFrame
     """Final states of robots, ``inference.agents.FINALS``."""
     about: dict[str, Any]
-    """Entry of ``Recording.sessions``: log and reader, and what was counted."""
+    """Entry of ``Recording.sessions``: log and reader, names of robots, and what was counted."""
 
 
 def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floor: Floor) -> _Session:
     """Convert the log of one session to the tables of a recording.
 
     Args:
-        run: number of the session. log: after ``in_order``. names: for robots 0, 1, ... their numbers in the log.
+        run: number of the session. names: for robots 0, 1, ... their numbers in the log.
         scenario: describes the sessions. floor: the floor of the session.
     """
     robot = pl.col("robot").replace_strict({name: k for k, name in enumerate(names)}, return_dtype=pl.UInt16)
@@ -247,12 +234,13 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
     frame = log.samples.with_columns(of_run, robot=robot).sort("time_s", "robot")
     frame = _with_intervals(frame, scenario.sample.stop_ms / 1000.0)
     tracks = log.tracks.with_columns(of_run, robot=robot)
-    camera = tracks if of_camera(tracks, frame) else tracks.clear()
+    # A camera sees robots more often than they sample; fewer tracks are rows of samples whose energy is missing.
+    camera = tracks if tracks.height > frame.height else tracks.clear()
     paths = []
-    for k, name in enumerate(names):
-        samples, track, seen = (table.filter(pl.col("robot") == k) for table in (frame, tracks, camera))
-        paths.append(_path(run, k, name, samples, track, seen, log))
-    poses = pl.concat([path.poses for path in paths]).select(list(POSES)).cast(pl.Schema(POSES))
+    for k in range(len(names)):
+        samples, track, seen = (table.filter(robot=k) for table in (frame, tracks, camera))
+        paths.append(_path(run, k, samples, track, seen, log))
+    poses, ends = zip(*paths, strict=True)
     # The latest position of the robot that a camera saw at the time of each sample; null: there is none.
     latest = camera.select("robot", "time_s", tracked_s="time_s").sort("time_s")
     rows = frame.join_asof(latest, on="time_s", by="robot", check_sortedness=False)
@@ -260,20 +248,33 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
     observations = _observations(frame, scenario, floor)
     tables = {
         "motion": _in_schema(frame, MOTION),
-        "ends": pl.concat([path.end for path in paths]),
-        "poses": poses,
+        "ends": pl.concat(ends),
+        "poses": pl.concat(poses).cast(pl.Schema(POSES)),
         "observations": observations,
         "inference": _in_schema(frame, INFERENCE),
         "rows": _in_schema(rows, ROWS),
         "tracks": _in_schema(tracks, TRACKED),
         "places": _own_places(frame),
     }
-    counts = _problem_counts(paths, rows, observations, scenario)
-    both = pl.concat([frame.select("robot", "time_s") for frame in (log.samples, log.tracks)])
-    counts |= {"begins_late_s": _late_beginning_of(log), "rows_apart_s": rows_apart_s(both)}
-    counts |= {"silent_s": longest_silence_s(both), "jumps": sum(map(_jumps, paths)) if camera.height else 0}
-    about = {"log": log.name, "reader": log.reader, "wraps_at": dict(log.wraps_at)}
-    return _Session(tables, _finals(run, frame, len(names)), about | {"told": dict(log.counts) | counts})
+    gaps_s = camera.select(pl.col("time_s").diff().over("robot")).to_series()
+    gaps_s = gaps_s.filter(gaps_s > GAP_S)
+    counts = {
+        "samples_lost": int(frame["lost_before"].sum()),
+        "tracking_gaps": gaps_s.len(),
+        "tracking_gap_longest_s": round(float(gaps_s.max() or 0.0), 6),  # type: ignore[arg-type]
+        "positions_old": int((rows["position_age_s"] > USUAL_AGE_S).sum()),
+        "off_the_floor": int((observations["tile"] < 0).sum()),
+        "rows_apart_s": rows_apart_s(
+            pl.concat([one.select("robot", "time_s") for one in (log.samples, log.tracks)])
+        ),
+    }
+    about = {
+        "log": log.name,
+        "reader": log.reader,
+        "robots": dict(log.robots),
+        "told": {**log.counts, **counts},
+    }
+    return _Session(tables, _finals(run, frame, len(names)), about)
 
 
 def _in_schema(frame: pl.DataFrame, schema: Mapping[str, Any]) -> pl.DataFrame:
@@ -315,14 +316,14 @@ def _with_intervals(frame: pl.DataFrame, usual_stop_s: float) -> pl.DataFrame:
         lost_before=(since_before(number, -1) - 1).cast(pl.UInt32),
         # A ``Log`` has no times of driving and turning.
         drive_s=pl.lit(None, dtype=pl.Float32),
-        turn_s=pl.lit(None, dtype=pl.Float32),
         blocked_s=pl.lit(None, dtype=pl.Float32),
+        turn_s=pl.lit(None, dtype=pl.Float32),
     )
 
 
 def _own_places(frame: pl.DataFrame) -> pl.DataFrame:
     """Return where the robots believed that they sampled; empty if their log does not say it."""
-    own = {name.removeprefix("place_"): pl.col(name) for name in OWN_PLACE}
+    own = {name.removeprefix("place_"): pl.col(name) for name in SAMPLES if name.startswith("place_")}
     # Places smoothed later are not logged.
     later = {name: pl.lit(None) for name in PLACES if name.startswith("lagged")}
     known = frame.drop_nulls("place_spread_m").with_columns(
@@ -331,52 +332,79 @@ def _own_places(frame: pl.DataFrame) -> pl.DataFrame:
     return _in_schema(known, PLACES)
 
 
-class _RobotPath(NamedTuple):
-    """The path of one robot in a session."""
-
-    poses: pl.DataFrame
-    begins_s: float
-    """When the robot was first seen."""
-    end: pl.DataFrame
-    """Its final pose, a row of the table of ends."""
-    gaps: tuple[int, float]
-    """Number and longest of the gaps in its tracking, from ``gaps_of``."""
-
-
 def _path(
-    run: int,
-    robot: int,
-    name: int,
-    samples: pl.DataFrame,
-    track: pl.DataFrame,
-    seen: pl.DataFrame,
-    log: Log,
-) -> _RobotPath:
-    """Compute the path of one robot in a session.
+    run: int, robot: int, samples: pl.DataFrame, track: pl.DataFrame, seen: pl.DataFrame, log: Log
+) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Return the poses of one robot in a session, and its final one, a row of the table of ends.
 
     Args:
-        run: number of the session. robot, name: index of the robot, and its number in the log.
         samples: samples of the robot, by time. track: its tracked positions, by time. seen: those of a camera.
-        log: log of the session.
     Raises:
         InputError: the robot has no rows.
     """
-    knots = knots_of(track, seen, samples)
+    knots = _knots_of(track, seen, samples)
     if knots.is_empty():
-        raise InputError(f"robot {name} has no rows", field=log.name)
-    poses = poses_of(run, robot, knots, samples)
-    end = {
-        "run": [run],
-        "robot": [robot],
-        "end_s": [_end_of(log)],
-        "x_m": [knots["x_m"][-1]],
-        "y_m": [knots["y_m"][-1]],
-        "heading_rad": [poses["heading_rad"][-1]],
-        "stop_start_s": [None],  # whether the robot stands at the end is not known
-    }
-    return _RobotPath(
-        poses, knots["time_s"][0], pl.DataFrame(end, schema=ENDS), gaps_of(seen["time_s"].to_numpy())
+        raise InputError(f"robot {robot} of {len(log.robots) or 'those known'} has no rows", field=log.name)
+    poses = _poses_of(run, robot, knots, samples)
+    last = poses.select("run", "robot", "heading_rad").tail(1).hstack(knots.select("x_m", "y_m").tail(1))
+    # Whether the robot stands at the end is not known.
+    end = last.with_columns(end_s=pl.lit(_end_of(log)), stop_start_s=pl.lit(None))
+    return poses, _in_schema(end, ENDS)
+
+
+def _knots_of(track: pl.DataFrame, seen: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
+    """Return the known positions of one robot: time_s, x_m, y_m, by time.
+
+    They are those of a camera; without one also those of its samples, at the start and at the end of each stop.
+    """
+    names = ["time_s", "x_m", "y_m"]
+    if seen.height:
+        return seen.select(names)
+    # A stop may start at the time of the previous sample. One of the two positions is dropped, so that times increase.
+    stops = samples.select(pl.col("stop_start_s").alias("time_s"), "x_m", "y_m")
+    return (
+        pl.concat([track.select(names), stops, samples.select(names)])
+        .sort("time_s")
+        .unique("time_s", keep="last", maintain_order=True)
     )
+
+
+def _poses_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
+    """Return the table of poses of one robot, at its known positions.
+
+    Until the time of its first position the robot stands there. The kind is "stop" if the middle of the time to the
+    next position lies between the start of a stop and the sample at the end of this stop; otherwise it is "drive".
+    """
+    time, x, y = (knots[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
+    if time[0] > 0.0:
+        time, x, y = np.append(0.0, time), np.append(x[0], x), np.append(y[0], y)
+    heading = _courses(x, y)
+    stop, end = samples["stop_start_s"].to_numpy(), samples["time_s"].to_numpy()
+    middle = time + np.append(np.diff(time), 0.0) / 2
+    # k: the first stop that has not ended by that middle; after the last one, a stop that begins at inf.
+    k = np.searchsorted(end, middle)
+    stands = (k < end.size) & (middle > np.append(stop, np.inf)[k])
+    columns: dict[str, Any] = {
+        "run": np.full(time.size, run),
+        "robot": np.full(time.size, robot),
+        "time_s": time,
+        "x_m": x,
+        "y_m": y,
+        "heading_rad": heading,
+        "kind": np.where(stands, "stop", "drive").tolist(),
+    }
+    return pl.DataFrame(columns)
+
+
+def _courses(x: Floats, y: Floats) -> Floats:
+    """Return the heading from each position to the next, rad, (positions,).
+
+    A standing robot has the heading of its latest move; before its first one that of this move, or 0 without any.
+    """
+    dx, dy = np.diff(x), np.diff(y)
+    moves = np.hypot(dx, dy) >= STANDING_M
+    heading = pl.Series(np.append(np.where(moves, np.arctan2(dy, dx), np.nan), np.nan)).fill_nan(None)
+    return heading.forward_fill().backward_fill().fill_null(0.0).to_numpy()
 
 
 def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.DataFrame:
@@ -405,51 +433,6 @@ def inside(x_m: Any, y_m: Any, size_m: tuple[float, float]) -> tuple[Any, Any]:
         for at, whole in zip((x_m, y_m), size_m, strict=True)
     )
     return x, y
-
-
-def _problem_counts(
-    paths: Sequence[_RobotPath], rows: pl.DataFrame, observations: pl.DataFrame, scenario: Scenario
-) -> dict[str, float]:
-    """Count the problems of a session: gaps, robots that are gone, old positions, and the like.
-
-    Args:
-        paths: of all robots. rows: samples of the session, with the columns of the log and position_age_s.
-        observations: table of the session. scenario: it has the prior.
-    Returns: counts by key of ``log.COUNTED``.
-    """
-    ages_s = rows["position_age_s"].drop_nulls()
-    first_s = min(path.begins_s for path in paths)
-    prior = scenario.decision.prior_alpha + scenario.decision.prior_beta
-    # alpha + beta counts the prior, the own samples (one more than messages sent before) and the messages received.
-    odd = rows.filter(
-        pl.col("alpha") + pl.col("beta") - prior != pl.col("sent") + pl.col("messages_received") + 1
-    )
-    return {
-        "tracking_gaps": sum(path.gaps[0] for path in paths),
-        "tracking_gap_longest_s": round(max(path.gaps[1] for path in paths), 6),
-        "positions_old": int((ages_s > USUAL_AGE_S).sum()),
-        "position_oldest_s": round(float(ages_s.max() or 0.0), 6),  # type: ignore[arg-type]
-        "robots_late": sum(path.begins_s - first_s > GONE_S for path in paths),
-        "robots_gone": sum(path.end["end_s"][0] - path.poses["time_s"][-1] > GONE_S for path in paths),
-        "robots_unmoved": sum(_stood(path.poses) for path in paths),
-        "posteriors_odd": odd.height,
-        "off_the_floor": int((observations["tile"] < 0).sum()),
-        "decisions_missing": rows["decision"].null_count() if rows["decision"].count() else 0,
-    }
-
-
-def _stood(poses: pl.DataFrame) -> bool:
-    """Return whether a robot's path stays within a square of ``STOOD_M``."""
-    return max(float(np.ptp(poses[name].to_numpy())) for name in ("x_m", "y_m")) < STOOD_M
-
-
-def _jumps(path: _RobotPath) -> int:
-    """Return the number of steps of a robot's path that are longer than ``JUMP_M`` and too fast (``JUMP``)."""
-    speed = path.poses["speed_m_s"].to_numpy()[:-1]  # at its end the robot is taken to stand
-    steps_m = speed * np.diff(path.poses["time_s"].to_numpy())
-    moving = speed[speed > 0.0]
-    usual = float(np.median(moving)) if moving.size else 0.0
-    return int(((speed > JUMP * usual) & (steps_m > JUMP_M)).sum())
 
 
 def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
@@ -507,20 +490,3 @@ def _outcomes(
     # Sessions are ended by people, not by a decision.
     runs = run_frame.with_columns(null_if_unknown).with_columns(stopped_early=False)
     return robot_frame.with_columns(decision=finals["decision"]), runs
-
-
-def count_lines(recording: Recording) -> Iterator[str]:
-    """Yield the counts that were made while the logs were read, as lines of text.
-
-    Each session has one line with the name and the format of its log, followed by one line for each count above 0.
-    """
-    for run, session in enumerate(recording.sessions):
-        counts = session["told"]
-        yield f"session {run + 1}: {session['log']} ({session['reader']})"
-        yield from (f"  {_counted(name, counts[name])}" for name in COUNTED if counts.get(name))
-
-
-def _counted(name: str, found: float) -> str:
-    """Write one of the counts of ``log.COUNTED``."""
-    thing, more = COUNTED[name]
-    return f"{count(int(found), thing) if thing else number(found, digits=4)}{more}"

@@ -2,7 +2,7 @@
 
 | name | symbol | equation |
 |---|---|---|
-| energy of a tile | m_t | mean of ln E over the samples on tile t |
+| energy of a tile | m_t | mean of ln E over the samples on tile t; of bits, their mean |
 | contrast | C | mean of m_t over vibrating tiles minus mean over still tiles, of the tiles that were sampled |
 | p-value | p | share of random floors whose contrast is at least C |
 
@@ -81,16 +81,19 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
     An orientation is left out if the rotated grid has another shape, or if all sampled tiles would be of one kind.
 
     Args:
-        samples: a table with the columns x_m, y_m and energy. Samples off all tiles, or without an energy above 0, do
-            not count.
+        samples: a table with the columns x_m, y_m, energy and observation. The bits observed count if no sample has an
+            energy, and energies that are bits count as such. Samples off all tiles, or with an energy of 0 among other
+            energies, do not count.
     Returns: the fits; none if fewer than four tiles were sampled, or if the floor has still tiles only, vibrating ones
         only, or other kinds.
     """
     tile = floor.tile_at(samples["x_m"].to_numpy(), samples["y_m"].to_numpy())
-    energy = samples["energy"].to_numpy()
-    on = (tile >= 0) & (energy > 0)
+    has_energies = samples["energy"].count() > 0
+    value = samples["energy" if has_energies else "observation"].cast(pl.Float64).to_numpy()
+    is_bits = bool(np.isin(value, (0.0, 1.0)).all())
+    on = (tile >= 0) & ((value > 0) | is_bits)
     count = np.bincount(tile[on], minlength=floor.tiles.size)
-    total = np.bincount(tile[on], np.log(energy[on]), floor.tiles.size)
+    total = np.bincount(tile[on], value[on] if is_bits else np.log(value[on]), floor.tiles.size)
     seen = count > 0
     if seen.sum() < 4 or floor.tiles.min() == 1 or floor.tiles.max() != 1:
         return []
@@ -134,50 +137,35 @@ def _random_contrasts(mean: Floats, ones: int) -> Floats:
 def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
     """Test whether a floor fits the energies of samples, and return the result as a sentence.
 
-    The sentence says that the floor fits, that it may be wrong, or that the test is inconclusive.
+    The sentence says that the floor fits, or that the test is inconclusive.
 
     Args:
-        samples: a table with the columns x_m, y_m, time_s and energy; those after a change of the floor do not count.
+        samples: as for ``floor_fits``, with time_s; those after a change of the floor do not count.
     Raises:
         InputError: no sample lies on the floor, or it fits clearly better if it is rotated or mirrored.
     """
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     if (floor.tile_at(x, y) < 0).all():
         raise InputError(
-            f"no sample lies on '{floor.name or 'this floor'}': their x is {_range(x)} m, their y {_range(y)} m. "
+            f"no sample lies on '{floor.name or 'this floor'}': their x is {stated(x.min())} to {stated(x.max())} m, "
+            f"their y {stated(y.min())} to {stated(y.max())} m. "
             "Positions must be in metres from its lower left corner; correct them, or add --any-floor to continue",
             field="floor",
         )
     if floor.is_changing:
         samples = samples.filter(pl.col("time_s") < floor.changes.time_s[0])
     fits = floor_fits(floor, samples)
-    if not fits:
-        return "The fit of the floor is inconclusive: too few of its tiles were sampled, or they are not of two kinds."
     as_given = next((fit for fit in fits if fit.orientation == ORIENTATIONS[0]), None)
     if as_given is None:
-        return "The fit of the floor is inconclusive: all sampled tiles are of one kind."
+        return "The fit of the floor is inconclusive: too few of its tiles were sampled, or they are of one kind."
     best = fits[0]
-    evidence = f"of random floors {_percent(as_given.probability)} fit the energies as well"
+    evidence = f"of random floors {percent(as_given.probability, None, digits=2)} fit the energies as well"
     if as_given.probability < UNLIKELY and best is as_given:
         return f"The floor fits: {evidence}."
     if best.probability < LIKELY and as_given.probability > AGAINST * best.probability:
-        orientation = best.orientation[0].upper() + best.orientation[1:]
         raise InputError(
-            f"'{floor.name or 'this floor'}' does not fit: {evidence}. {orientation} it fits "
-            f"({_percent(best.probability)}). Correct the floor's file, or add --any-floor to continue",
+            f"'{floor.name or 'this floor'}' does not fit: {evidence}. It fits {best.orientation} "
+            f"({percent(best.probability, None, digits=2)}). Correct the floor's file, or add --any-floor to continue",
             field="floor",
         )
-    better = (
-        "" if best is as_given else f"; {best.orientation} it would fit better ({_percent(best.probability)})"
-    )
-    return f"The floor may be wrong: {evidence}{better}."
-
-
-def _range(values: Floats) -> str:
-    """Write the least and the largest of positions, m."""
-    return f"{stated(values.min())} to {stated(values.max())}"
-
-
-def _percent(share: float) -> str:
-    """Write a share in percent with two significant digits, or as "less than 0.01 %"."""
-    return "less than 0.01 %" if share < 1e-4 else percent(share, None, digits=2)
+    return f"The fit of the floor is inconclusive: {evidence}."

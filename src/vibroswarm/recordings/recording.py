@@ -10,7 +10,7 @@ from a simulated result:
 * ``sample`` is the number of messages sent before, so a lost row leaves a gap. ``samples`` of a robot includes samples
   whose rows were lost.
 * If a log has no bits, they are computed from the energies with ``sensor.rms_threshold``.
-* Paths between tracked positions are straight (``log.poses_of``).
+* Paths between tracked positions are straight (``assemble_recording``).
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ ROWS: Final[dict[str, Any]] = {
     "stop_total_s": pl.Float64,
 }
 """One row per sample: the line of the log, the energy with all digits, the number of lost samples just before it, the
-time from the last tracked position to the sample (null if a log has no tracks), and the counters."""
+time from the last tracked position to the sample (null if a log has no tracks), and the counters. The energy is null
+in a log of bits."""
 
 
 PLACES: Final[dict[str, Any]] = {
@@ -55,14 +56,16 @@ PLACES: Final[dict[str, Any]] = {
 
 _EXTRA_TABLES: Final = {
     "rows": Schema(
-        ROWS, frozenset({"position_age_s", "avoid_total_s", "stop_total_s"}), ("run", "robot", "sample")
+        ROWS,
+        frozenset({"energy", "position_age_s", "avoid_total_s", "stop_total_s"}),
+        ("run", "robot", "sample"),
     ),
     "tracks": Schema(PLACES),
 }
 """Additional tables of a recording."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)  # both are those of a result
 class Recording(Result):
     """Sessions of real robots as a result.
 
@@ -77,28 +80,13 @@ class Recording(Result):
     names: tuple[int, ...] = ()
     """For robots 0, 1, ... their numbers in the logs."""
     sessions: tuple[Mapping[str, Any], ...] = ()
-    """For each run: name of the log, its reader, counters that wrap, and (``told``) the counts of ``log.COUNTED``."""
+    """For each run: name of the log, its reader, numbers of robots by name, and (``told``) what was counted."""
     stated: tuple[str, ...] = ()
     """Fields of the scenario stated by the user or by a log."""
     inferred: tuple[Mapping[str, Any], ...] = ()
-    """``inferred.Inferred`` as plain values."""
+    """``infer.Inferred`` as plain values."""
     floor_words: str = ""
     """Result of the test whether the floor fits the energies."""
-
-    def __eq__(self, other: object) -> bool:
-        """Return whether all fields are the same; a plain ``Result`` is compared by the fields of a result alone."""
-        if not isinstance(other, Recording):
-            return super().__eq__(other)
-        head = ("names", "sessions", "stated", "inferred", "floor_words")
-        return (
-            super().__eq__(other)
-            and all(getattr(self, name) == getattr(other, name) for name in head)
-            and all(getattr(self, name).equals(getattr(other, name)) for name in _EXTRA_TABLES)
-        )
-
-    __hash__ = None
-
-    __repr__ = Result.__repr__  # a dataclass would write all tables
 
     @property
     def logs_beliefs(self) -> bool:

@@ -9,7 +9,12 @@
 | resolution | - | Hz | 2 / time, as two lines nearer than that are one |
 
 A robot stands between pauses of the recording, or without pauses while its place does not change
-(``acceleration.stops_of``). A recording without pauses or places needs a column ``sample`` that numbers its stops.
+(``acceleration.stops_of``). A recording without pauses or places needs a column ``sample`` that numbers its stops, or
+is cut into pieces of equal length.
+
+Spectra are of the magnitude if gravity is in the readings. Without it, a magnitude is that of the vibration alone, and
+doubles every frequency; then they are of the axis that is shaken most. A sensor that is polled faster than it measures
+repeats its readings: only the first of each run counts.
 """
 
 from __future__ import annotations
@@ -23,27 +28,35 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.arrays import Floats, Ints
-from vibroswarm.core.numbers import number, stated
+from vibroswarm.core.arrays import Bools, Floats, Ints
+from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.acceleration import (
     COLUMNS,
+    GRAVITY,
     LONGEST_STOP,
     RATE_TOLERANCE,
+    Acceleration,
+    Gravity,
+    gravity_in,
     read_acceleration,
     stops_of,
+    strongest_axis,
 )
+from vibroswarm.recordings.read_tables import ACCELERATIONS
 from vibroswarm.recordings.threshold import resample
 from vibroswarm.robot.features import alias_hz
 
-Group = Literal["robot", "tile", "place", "time"]
-M_S2: Final = {"m/s2": 1.0, "mm/s2": 1e-3, "g": 9.80665}
+Group = Literal["robot", "tile", "time"]
+M_S2: Final = {unit: GRAVITY["m/s2"] / gravity for unit, gravity in GRAVITY.items()}
 """Units of acceleration."""
 SLOWEST_HZ: Final = 10.0
 FASTEST_HZ: Final = 1e5
 """Rates of accelerometers."""
-GRAVITY_WITHIN: Final = 0.2
-"""A mean magnitude within this share of gravity is gravity."""
+REPEATED: Final = 1.05
+"""If readings are repeated more often, the sensor is polled faster than it measures."""
+PILED: Final = 5
+"""So many readings of an axis' largest value, and as many times those of the next, are at the end of its range."""
 STANDS_OUT: Final = 12.0
 """How far a line stands above the median of its spectrum."""
 MOST_LINES: Final = 8
@@ -61,9 +74,9 @@ class Line(NamedTuple):
     low: float
     high: float
     amplitude: float
-    """Amplitude of its sine, m/s^2 (root mean square over samples)."""
+    """Amplitude of its sine (root mean square over samples), in ``Spectra.unit``."""
     words: str
-    """What else it may be: a multiple of another line, folded or not, or a known motor; empty: nothing known."""
+    """What else it may be: twice a horizontal frequency; empty: nothing known."""
     folds_from: tuple[float, ...]
     """The lowest frequencies above half of the rate that readings show here, Hz."""
 
@@ -73,7 +86,7 @@ class Spectrum:
     """The mean spectrum of some samples."""
 
     group: str
-    """What they have in common: "all", "robot", "tile", "place" or "time"."""
+    """What they have in common: "all", "robot", "tile" or "time"."""
     name: str
     samples: int
     power: Floats
@@ -95,6 +108,8 @@ class Spectra:
     stops: int
     """Number of stops found; those shorter than a sample are not used."""
     spectra: tuple[Spectrum, ...]
+    unit: str = "m/s²"
+    """Of amplitudes: empty if gravity is in the readings, but in none of the known units."""
     warnings: tuple[str, ...] = ()
 
     @property
@@ -103,82 +118,167 @@ class Spectra:
         return self.spectra[0]
 
 
+def spectra_frame(found: Spectra) -> pl.DataFrame:
+    """Return all spectra as a table: group, where, hz, amplitude."""
+    return pl.concat(
+        pl.DataFrame({"hz": found.hz, "amplitude": np.sqrt(2.0 * np.maximum(one.power, 1e-24))}).select(
+            pl.lit(one.group).alias("group"), pl.lit(one.name).alias("where"), "hz", "amplitude"
+        )
+        for one in found.spectra
+    )
+
+
 def spectra_of(
     path: Path,
     *,
     rate_hz: float | None = None,
     signal_ms: float = 500.0,
+    stop_s: float | None = None,
     unit: str = "m/s2",
-    axis: Literal["magnitude", "x", "y", "z"] = "magnitude",
+    axis: Literal["magnitude", "x", "y", "z"] | None = None,
     by: Sequence[Group] = ("robot",),
     size_m: tuple[float, float] = (1.0, 1.0),
     tiles: tuple[int, int] = (5, 5),
-    motors_hz: Sequence[float] = (),
 ) -> Spectra:
     """Return the spectra of a file of acceleration.
 
     Args:
-        path: CSV with the columns of ``acceleration.COLUMNS``, and if known x_m, y_m (place), heading_rad, and sample.
+        path: table with the columns of ``acceleration.COLUMNS``, of which one axis is enough, and if known x_m, y_m
+            (place), heading_rad, and sample.
         rate_hz: readings per second; None: as the times say. signal_ms: the part of each stop that is used, its end.
-        unit: of the acceleration, one of ``M_S2``. axis: what spectra are of.
+        stop_s: length of the pieces into which a recording without pauses is cut; None: it is not.
+        unit: of the acceleration, one of ``M_S2``, unless the names of the columns say it.
+        axis: what spectra are of; None: the magnitude, or the axis that is shaken most if gravity is not in the
+            readings.
         by: groups of samples that get spectra of their own, beside all. size_m, tiles: width and height of the surface,
             and rows and columns of its tiles, for tiles and places.
-        motors_hz: frequencies that are known, by kind of tile from 1 on.
     Raises:
         InputError: the file or the rate is wrong, no stop holds a sample, or places are missing.
     """
-    _check_words(unit, motors_hz)
-    table = read_acceleration(path, optional=("x_m", "y_m", "heading_rad", "sample"))
-    stops = [
-        stop
-        for robot in table.partition_by("robot", maintain_order=True)
-        for stop in stops_of(robot, path, signal_ms / 1000.0)
-    ]
-    rate_hz = _rate(stops, rate_hz, path)
-    count = round(rate_hz * signal_ms / 1000.0)
-    if count < 16:
-        raise InputError(
-            f"{signal_ms:g} ms at {rate_hz:.4g} Hz are {count} readings; a spectrum needs 16",
-            field="--signal-ms",
-        )
-    samples = [_sample_of(stop, count) for stop in stops if stop.height >= count]
-    if len(samples) < FEWEST:
-        raise InputError(
-            f"{len(samples)} of {len(stops)} stops have the {count} readings of a sample ({signal_ms:g} ms at "
-            f"{rate_hz:.4g} Hz); at least {FEWEST} are needed",
-            field=str(path),
-        )
-    # m/s^2, (samples, readings, 3)
-    readings = M_S2[unit] * np.array([sample.select("ax", "ay", "az").to_numpy() for sample in samples])
-    hz, powers = periodograms(_signals(readings, axis), rate_hz)
-    across_hz = _lines_across(readings, rate_hz) if axis == "magnitude" else ()
-    known = _Known(rate_hz, signal_ms / 1000.0, tuple(motors_hz), across_hz)
+    read = read_acceleration(path, rate_hz)
+    unit = "m/s2" if read.in_m_s2 else unit
+    samples, stops, repeats, rate_hz = _sampled(read.rows, path, rate_hz, signal_ms, stop_s)
+    values = np.array([sample.select(ACCELERATIONS).to_numpy() for sample in samples])
+    gravity = gravity_in(list(values), unit)
+    known_unit = gravity.unit == unit
+    readings = values * (M_S2[unit] if known_unit else 1.0)  # (samples, readings, 3)
+    of_axis: str = axis or (
+        "magnitude" if gravity.is_there else ACCELERATIONS[strongest_axis(list(values))][1:]
+    )
+    hz, powers = periodograms(_signals(readings, of_axis), rate_hz)
+    across_hz = _lines_across(readings, rate_hz) if of_axis == "magnitude" else ()
     groups = [("all", "", np.arange(len(samples)))]
     for group in by:
         groups += [(group, name, rows) for name, rows in _groups(samples, group, size_m, tiles, path)]
     found = tuple(
-        Spectrum(group, name, rows.size, powers[rows].mean(axis=0), _lines(hz, powers[rows], known))
+        Spectrum(
+            group, name, rows.size, powers[rows].mean(axis=0), _lines(hz, powers[rows], rate_hz, across_hz)
+        )
         for group, name, rows in groups
         if rows.size >= FEWEST
+    )
+    warnings = (
+        *_of_gravity(gravity, unit, of_axis),
+        *_of_readings(read, stops, repeats, rate_hz),
     )
     return Spectra(
         hz,
         rate_hz,
         signal_ms / 1000.0,
-        axis,
+        of_axis,
         len(samples),
         len(stops),
         found,
-        (*_other_unit(readings, unit), *_warnings(motors_hz, known), *_left_out(groups)),
+        "m/s²" if known_unit else "",
+        warnings,
     )
 
 
-def _check_words(unit: str, motors_hz: Sequence[float]) -> None:
-    if unit not in M_S2:
-        raise InputError(f"'{unit}' is not a unit of acceleration; give {', '.join(M_S2)}", field="--unit")
-    for motor_hz in motors_hz:
-        if not 0.0 < motor_hz <= FASTEST_HZ:
-            raise InputError(f"{motor_hz:g} is not a frequency above 0, in Hz", field="--motors")
+class _Sampled(NamedTuple):
+    samples: list[pl.DataFrame]
+    stops: list[pl.DataFrame]
+    repeats: float
+    """How often each reading was there; it is there once now."""
+    rate_hz: float
+    """Of the sensor."""
+
+
+def _sampled(
+    rows: pl.DataFrame, path: Path, stated_hz: float | None, signal_ms: float, stop_s: float | None
+) -> _Sampled:
+    """Return the samples of readings, the last ones of each stop, as the sensor measured them."""
+    robots = rows.partition_by("robot", maintain_order=True)
+    stops = [stop for robot in robots for stop in stops_of(robot, signal_ms / 1000.0, stop_s)]
+    rate_hz, repeats = _rate(stops, stated_hz, path), _repeats(stops)
+    if repeats > 1.0:
+        stops = [stop.filter(_is_new(stop)) for stop in stops]
+        rate_hz = _rate(stops, None, path)
+    length = round(rate_hz * signal_ms / 1000.0)
+    samples = [_sample_of(stop, length) for stop in stops if stop.height >= length]
+    if len(samples) < FEWEST or length < 16:
+        raise InputError(
+            f"{len(samples)} of {len(stops)} stops have the {length} readings of a sample ({signal_ms:g} ms at "
+            f"{rate_hz:.4g} Hz); at least {FEWEST} are needed, of at least 16 readings",
+            field=str(path),
+        )
+    return _Sampled(samples, stops, repeats, rate_hz)
+
+
+def _is_new(stop: pl.DataFrame) -> Bools:
+    """Return which readings differ from the one before."""
+    values = stop.select(ACCELERATIONS).to_numpy()
+    return np.append(True, (np.diff(values, axis=0) != 0.0).any(axis=1))
+
+
+def _repeats(stops: Sequence[pl.DataFrame]) -> float:
+    """Return how often each reading is repeated; 1 if equal readings are chance: then runs have all lengths."""
+    runs = np.concatenate([np.diff(np.flatnonzero(_is_new(stop))) for stop in stops])
+    if runs.size == 0 or runs.mean() < REPEATED or np.mean(np.abs(runs - runs.mean()) < 1.0) < 0.95:
+        return 1.0
+    return float(runs.mean())
+
+
+def _of_gravity(gravity: Gravity, unit: str, axis: str) -> Iterator[str]:
+    """Say what gravity tells of the unit and of the axis."""
+    mean = number(gravity.steady, digits=4)
+    if not gravity.is_there:
+        yield (
+            f"the mean acceleration is {mean}: gravity is not in the readings, and a magnitude without it doubles "
+            f"every frequency; spectra are of {f'axis {axis}' if axis != 'magnitude' else 'the magnitude'}"
+        )
+    elif gravity.unit is None:
+        yield (
+            f"the mean acceleration is {mean}, which is gravity in none of {', '.join(GRAVITY)}: amplitudes are in the "
+            "file's own unit"
+        )
+    elif gravity.unit != unit:
+        yield (
+            f"the mean acceleration is {mean}, which is gravity in {gravity.unit}, and not in {unit}: add --unit "
+            f"{gravity.unit}; amplitudes are in the file's own unit"
+        )
+
+
+def _of_readings(
+    read: Acceleration, stops: Sequence[pl.DataFrame], repeats: float, rate_hz: float
+) -> Iterator[str]:
+    """Say which readings are missing, repeated, or at the end of the sensor's range."""
+    if read.missing:
+        yield f"{count(read.missing, 'reading')} missing: left out, or bridged by straight lines if few in a row"
+    if repeats > 1.0:
+        yield (
+            f"each reading is there {number(repeats, 1)} times: the sensor is polled at "
+            f"{number(repeats * rate_hz, 0)} Hz and measures at {number(rate_hz, 1)} Hz, the rate of the spectra"
+        )
+    values = pl.concat(stops).select(read.axes).to_numpy()
+    if ends := sum(_at_the_end(sign * one) for one in values.T for sign in (1.0, -1.0)):
+        yield f"{count(ends, 'reading')} at the end of the sensor's range: amplitudes are larger than they seem"
+
+
+def _at_the_end(values: Floats) -> int:
+    """Return how many readings have the largest value, if they are more than chance."""
+    levels, counts = np.unique(values, return_counts=True)
+    piled = levels.size > 1 and counts[-1] >= PILED * max(1, int(counts[-2]))
+    return int(counts[-1]) if piled else 0
 
 
 def periodograms(signals: Floats, rate_hz: float) -> tuple[Floats, Floats]:
@@ -213,15 +313,15 @@ def _rate(stops: Sequence[pl.DataFrame], stated_hz: float | None, path: Path) ->
     return stated_hz if stated_hz is not None else found_hz
 
 
-def _sample_of(stop: pl.DataFrame, count: int) -> pl.DataFrame:
-    """Return the last ``count`` readings of a stop, as a robot takes them."""
-    if stop.height > LONGEST_STOP * count:
+def _sample_of(stop: pl.DataFrame, length: int) -> pl.DataFrame:
+    """Return the last ``length`` readings of a stop, as a robot takes them."""
+    if stop.height > LONGEST_STOP * length:
         raise InputError(
             f"robot {stop['robot'][0]:g} has {stop.height} readings without a pause, more than {LONGEST_STOP} samples; "
-            "add columns x_m and y_m, by which it stands, or a column 'sample' that numbers its stops",
+            "add columns x_m and y_m, by which it stands, or 'sample', which numbers its stops, or cut it (--stop-s)",
             field=f"row {stop['line'][0]}",
         )
-    return stop[-count:]
+    return stop[-length:]
 
 
 def _signals(readings: Floats, axis: str) -> Floats:
@@ -251,28 +351,14 @@ def _groups(
         if not {"x_m", "y_m"} <= set(samples[0].columns):
             raise InputError(f"has no columns x_m and y_m, which --by {group} needs", field=str(path))
         x_m, y_m = (np.array([sample[name].mean() for sample in samples]) for name in ("x_m", "y_m"))
-        (rows, columns), form = (tiles, "tile {}, {}") if group == "tile" else ((4, 4), "field {}, {}")
+        rows, columns = tiles
         column = np.clip((x_m / size_m[0] * columns).astype(np.int64), 0, columns - 1)
         row = rows - 1 - np.clip((y_m / size_m[1] * rows).astype(np.int64), 0, rows - 1)
-        keys = np.column_stack((row + 1, column + 1))
+        keys, form = np.column_stack((row + 1, column + 1)), "tile {}, {}"
     found, of_sample = np.unique(keys, axis=0, return_inverse=True)
     return [
         (form.format(*key), np.flatnonzero(of_sample.ravel() == k)) for k, key in enumerate(found.tolist())
     ]
-
-
-class _Known(NamedTuple):
-    """What lines are compared with."""
-
-    rate_hz: float
-    signal_s: float
-    motors_hz: tuple[float, ...]
-    across_hz: tuple[float, ...]
-    """Lines of the horizontal axes, which a magnitude shows at twice their frequency."""
-
-    @property
-    def resolution_hz(self) -> float:
-        return 2.0 / self.signal_s
 
 
 def _peaks(hz: Floats, power: Floats) -> Ints:
@@ -298,59 +384,24 @@ def _top(hz: Floats, power: Floats, k: int) -> float:
     return float(hz[best] + np.clip(shift, -0.5, 0.5) * (hz[1] - hz[0]))
 
 
-def _lines(hz: Floats, powers: Floats, known: _Known) -> tuple[Line, ...]:
+def _lines(hz: Floats, powers: Floats, rate_hz: float, across_hz: Sequence[float]) -> tuple[Line, ...]:
     """Return the lines of the mean of some powers (samples, frequencies), with intervals from resampled samples."""
     mean = powers.mean(axis=0)
-    bins = _peaks(hz, mean).tolist()
     again = [powers[resample(_SEED, draw, 0, len(powers))].mean(axis=0) for draw in range(DRAWS)]
-    least_hz = 0.1 * known.resolution_hz
-    lines: list[Line] = []
-    for k in bins:
+    bin_hz = float(hz[1] - hz[0])
+    lines = []
+    for k in _peaks(hz, mean).tolist():
         at_hz = _top(hz, mean, k)
         low, high = np.quantile([_top(hz, power, k) for power in again], [0.025, 0.975])
-        amplitude = float(
-            np.sqrt(2.0 * mean[max(k - 1, 0) : k + 2].sum() / 1.5)
-        )  # Hann's line spreads 1.5 bins' power
-        folds = (known.rate_hz - at_hz, known.rate_hz + at_hz)
-        lines.append(
-            Line(
-                at_hz, min(float(low), at_hz - least_hz), max(float(high), at_hz + least_hz), amplitude,
-                _words(at_hz, [line.hz for line in lines], known), folds,
-            )
-        )  # fmt: skip
+        # Hann's line spreads 1.5 bins' power.
+        amplitude = float(np.sqrt(2.0 * mean[max(k - 1, 0) : k + 2].sum() / 1.5))
+        doubled = [one for one in across_hz if abs(alias_hz(2.0 * one, rate_hz) - at_hz) < 2.0 * bin_hz]
+        words = "; ".join(
+            f"twice the horizontal {number(one, 1)} Hz, as a magnitude shows it" for one in doubled
+        )
+        low, high = min(float(low), at_hz - 0.2 * bin_hz), max(float(high), at_hz + 0.2 * bin_hz)
+        lines.append(Line(at_hz, low, high, amplitude, words, (rate_hz - at_hz, rate_hz + at_hz)))
     return tuple(lines)
-
-
-def _words(hz: float, higher: Sequence[float], known: _Known) -> str:
-    """Return what a line may be: a known motor, or a multiple of a line that is higher."""
-    near_hz = known.resolution_hz
-    said = []
-    for kind, motor_hz in enumerate(known.motors_hz, start=1):
-        for multiple in (1, 2, 3):
-            folded = alias_hz(multiple * motor_hz, known.rate_hz)
-            if abs(folded - hz) < near_hz:
-                line = (
-                    f"{stated(multiple * motor_hz)} Hz"
-                    if multiple == 1
-                    else f"{multiple} x {stated(motor_hz)} Hz"
-                )
-                said.append(f"motor of kind {kind}: {line}{_folded(multiple * motor_hz, known)}")
-    said += [
-        f"{multiple} x {number(other_hz, 1)} Hz{_folded(multiple * other_hz, known)}"
-        for other_hz in (() if said else higher)
-        for multiple in (2, 3)
-        if abs(alias_hz(multiple * other_hz, known.rate_hz) - hz) < near_hz
-    ]
-    said += [
-        f"twice the horizontal {number(across_hz, 1)} Hz, as a magnitude shows it"
-        for across_hz in known.across_hz
-        if abs(alias_hz(2.0 * across_hz, known.rate_hz) - hz) < near_hz
-    ]
-    return "; ".join(said)
-
-
-def _folded(hz: float, known: _Known) -> str:
-    return ", folded" if hz > 0.5 * known.rate_hz else ""
 
 
 def _lines_across(readings: Floats, rate_hz: float) -> tuple[float, ...]:
@@ -358,45 +409,6 @@ def _lines_across(readings: Floats, rate_hz: float) -> tuple[float, ...]:
     (hz, along), (_, across) = (periodograms(_signals(readings, axis), rate_hz) for axis in ("x", "y"))
     total = along.mean(axis=0) + across.mean(axis=0)
     return tuple(_top(hz, total, int(k)) for k in _peaks(hz, total))
-
-
-def _other_unit(readings: Floats, unit: str) -> Iterator[str]:
-    """Say which unit the mean magnitude speaks for, if it is not the stated one: that of gravity."""
-    magnitude = float(_signals(readings, "magnitude").mean())
-    if abs(magnitude / M_S2["g"] - 1.0) < GRAVITY_WITHIN:
-        return
-    for other, factor in M_S2.items():
-        if abs(magnitude * factor / M_S2[unit] / M_S2["g"] - 1.0) < GRAVITY_WITHIN:
-            yield (
-                f"the mean magnitude is {number(magnitude / M_S2[unit], digits=4)}, which is gravity in {other}, "
-                f"and not in {unit}: "
-                f"add --unit {other}"
-            )
-
-
-def _warnings(motors_hz: Sequence[float], known: _Known) -> Iterator[str]:
-    """Say which of the known motors the rate shows at one frequency, or beyond half of the rate."""
-    seen = [alias_hz(motor_hz, known.rate_hz) for motor_hz in motors_hz]
-    for one, motor_hz in enumerate(motors_hz):
-        if motor_hz > 0.5 * known.rate_hz:
-            yield (
-                f"{stated(motor_hz)} Hz is above half of the rate, {number(known.rate_hz, digits=4)} Hz: it is "
-                f"seen at {number(seen[one], digits=4)} Hz"
-            )
-        for other in range(one):
-            if abs(seen[one] - seen[other]) < known.resolution_hz:
-                yield (
-                    f"{stated(motors_hz[other])} and {stated(motor_hz)} Hz look alike: both are seen within "
-                    f"{number(known.resolution_hz, digits=3)} Hz of {number(seen[one], digits=4)} Hz"
-                )
-
-
-def _left_out(groups: Sequence[tuple[str, str, Ints]]) -> Iterator[str]:
-    """Say which groups have too few samples for a spectrum of their own."""
-    for group in dict.fromkeys(group for group, _, _ in groups):
-        few = [name for one, name, rows in groups if one == group and rows.size < FEWEST]
-        if few:
-            yield f"no spectrum of groups with fewer than {FEWEST} samples (by {group}): {'; '.join(few)}"
 
 
 def acceleration_frame(robots: Ints, ends_s: Floats, readings: Floats, rate_hz: float) -> pl.DataFrame:

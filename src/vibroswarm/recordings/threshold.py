@@ -1,4 +1,4 @@
-"""Choose the sensor's threshold theta_E from a recording on a known floor, by equal error, least error or costs.
+"""Choose the sensor's threshold theta_E from a recording on a known floor, by equal error.
 
 Also compute whether the floor's question can be decided with the threshold.
 
@@ -6,7 +6,6 @@ Also compute whether the floor's question can be decided with the threshold.
 |---|---|---|
 | false positive, false negative | a(theta), b(theta) | share of still samples with E > theta, of vibrating ones with E <= theta |
 | equal error | - | a(theta) = b(theta) |
-| expected cost | - | c_a (1 - f) a(theta) + c_b f b(theta), f the fill ratio; least error: c_a = c_b = 1 |
 | edge distance | - | from a sample to the nearest tile of the other kind |
 
 A sample's label is the kind of tile (vibrating or still) under the robot's centre. Samples are neither independent nor
@@ -18,18 +17,15 @@ The interval then holds for other such robots and tiles. The random numbers depe
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from itertools import pairwise
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats, Ints
-from vibroswarm.core.numbers import stated
 from vibroswarm.core.rng import Purpose, uniforms
-from vibroswarm.errors import InputError, check_kind, number_of
+from vibroswarm.errors import InputError, check_kind
 from vibroswarm.floors.floor import Floor, refuse_changes, refuse_kinds
 from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
@@ -79,19 +75,13 @@ def robot_clusters(samples: pl.DataFrame) -> Ints:
     return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
 
 
-Rule = Callable[[Floats, Bools, Floats], float]
-"""A threshold from energies, labels and weights of samples, (samples,) each."""
-
 RESAMPLES: Final = 400
 """Number of bootstrap draws."""
 _SEED: Final = 7
 """Seed of the bootstrap; it is fixed, so that a recording always has the same limits."""
-EDGES_M: Final = (0.0, 0.01, 0.02, 0.04, 0.06, np.inf)
-"""Limits of the classes of edge distance in an error profile."""
 
 
-@dataclass(frozen=True)
-class Rates:
+class Rates(NamedTuple):
     """Error rates of samples at a threshold; nan for a kind of tile without samples."""
 
     false_positive: float
@@ -118,8 +108,6 @@ class Threshold:
     """Upper 95 % limit, by the same bootstrap; nan for a given threshold."""
     all_samples: Rates
     """Error rates of all samples."""
-    inner_samples: Rates
-    """Error rates of the samples with an edge distance above a margin."""
     share_by_session: Interval
     """Share of ones with equal weight for each tile: mean over sessions, whose limits are infinite for one session."""
     decidable: Decidability
@@ -134,20 +122,6 @@ class Threshold:
     def tells_kinds_apart(self) -> bool:
         """Whether samples on vibrating tiles read as vibrating more often than those on still tiles."""
         return self.all_samples.false_positive + self.all_samples.false_negative < 1.0
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields as a dictionary, with nested values as dictionaries.
-
-        Of the share by session it has only the estimate and its limits. Here and in ``decidable``, numbers that are not
-        finite become None. Elsewhere nan stays nan, and the caller replaces it before it writes JSON.
-        """
-        share = self.share_by_session.as_dict()
-        return {name: getattr(self, name) for name in ("rule", "value", "low", "high")} | {
-            "all_samples": asdict(self.all_samples),
-            "inner_samples": asdict(self.inner_samples),
-            "share_by_session": {name: share[name] for name in ("estimate", "low", "high")},
-            "decidable": self.decidable.as_dict(),
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +143,11 @@ class Labelled:
     fill_ratio: float
     """Fill ratio of the floor."""
 
+    @property
+    def samples(self) -> pl.DataFrame:
+        """Run and robot of each sample."""
+        return pl.DataFrame({"run": self.session, "robot": self.robot})
+
 
 def labelled(recording: Recording) -> Labelled:
     """Return the samples of a recording that lie on tiles, with the kind of their tile.
@@ -182,6 +161,8 @@ def labelled(recording: Recording) -> Labelled:
         recording.observations.select(*key, "tile"), on=key, maintain_order="left"
     )
     frame = frame.filter(pl.col("tile") >= 0)
+    if frame["energy"].null_count():
+        raise InputError("holds bits, of which there is no threshold", field="the recording")
     floor = recording.floor(int(recording.runs["run"][0]))  # all sessions have the same floor
     tile = frame["tile"].cast(pl.Int64).to_numpy()
     refuse_changes(floor)
@@ -281,76 +262,20 @@ def equal_error(energy: Floats, vibrating: Bools, weight: Floats) -> float:
     return float(thresholds[k - 1] + share * (thresholds[k] - thresholds[k - 1]))
 
 
-def least_cost(cost_false_positive: float, cost_false_negative: float, fill_ratio: float) -> Rule:
-    """Return a rule: a function that computes the threshold with the least expected cost.
+def find_threshold(recording: Recording, data: Labelled | None = None) -> Threshold:
+    """Find theta_E by equal error, with limits from a bootstrap over robots and tiles.
 
     Args:
-        cost_false_positive, cost_false_negative: c_a and c_b, above 0. fill_ratio: f.
-    """
-
-    def rule(energy: Floats, vibrating: Bools, weight: Floats) -> float:
-        """Compute the threshold from energies, kinds of tile and weights of samples, (samples,) each."""
-        thresholds, false_positive, false_negative = error_curves(energy, vibrating, weight)
-        lowest_energy = float(energy.min())
-        if lowest_energy > 0:  # a threshold below all energies, with which every sample reads as vibrating
-            thresholds = np.append(lowest_energy / 2, thresholds)
-            false_positive, false_negative = np.append(1.0, false_positive), np.append(0.0, false_negative)
-        cost = (
-            cost_false_positive * (1 - fill_ratio) * false_positive
-            + cost_false_negative * fill_ratio * false_negative
-        )
-        # Several thresholds may have the lowest cost, up to rounding. The mean of neighbours has this cost too, that of
-        # others may not. So the mean is that of the longest range of neighbours, of several the lowest.
-        lowest = np.flatnonzero(cost <= cost.min() + 1e-12)
-        ranges = np.split(lowest, np.flatnonzero(np.diff(lowest) > 1) + 1)
-        return float(thresholds[max(ranges, key=len)].mean())
-
-    return rule
-
-
-def find_thresholds(
-    recording: Recording,
-    cost_false_positive: float = 1.0,
-    cost_false_negative: float = 1.0,
-    margin_m: float = 0.02,
-) -> list[Threshold]:
-    """Find theta_E by equal error, by least error, and, if the two costs differ, by least expected cost.
-
-    Args:
-        cost_false_positive, cost_false_negative: c_a and c_b; only their ratio matters.
-        margin_m: edge distance up to which samples do not count as ``inner_samples``.
+        data: samples of the recording, from ``labelled``; None: they are computed here.
     Raises:
-        InputError: a cost that is not above 0, or samples on one kind of tile only.
+        InputError: samples are on one kind of tile only.
     """
-    data = labelled(recording)
-    rules = _rules(cost_false_positive, cost_false_negative, data.fill_ratio)
-    return [_found(name, rule, data, recording, margin_m) for name, rule in rules.items()]
-
-
-def _rules(cost_false_positive: float, cost_false_negative: float, fill_ratio: float) -> dict[str, Rule]:
-    """Return the rules by name; the last one is that of the costs, if they differ."""
-    for cost in (cost_false_positive, cost_false_negative):
-        if not number_of(cost, "cost"):
-            raise InputError(f"{cost!r} is not a cost; give a number above 0", field="cost")
-    rules = {"equal error": equal_error, "least error": least_cost(1.0, 1.0, fill_ratio)}
-    if cost_false_positive != cost_false_negative:
-        name = f"costs {stated(cost_false_positive)} to {stated(cost_false_negative)}"
-        rules[name] = least_cost(cost_false_positive, cost_false_negative, fill_ratio)
-    return rules
-
-
-def _found(name: str, rule: Rule, data: Labelled, recording: Recording, margin_m: float) -> Threshold:
-    """Compute the threshold that a rule chooses, its 95 % limits from a bootstrap, and its error rates.
-
-    Args:
-        name: name of the rule. data: samples of ``recording``. margin_m: edge distance up to which samples do not count
-            as ``inner_samples``.
-    """
-    value = rule(data.energy, data.vibrating, np.ones(data.energy.size))
-    resampled = [rule(data.energy, data.vibrating, weight) for weight in _weights(data)]
+    data = data or labelled(recording)
+    value = equal_error(data.energy, data.vibrating, np.ones(data.energy.size))
+    resampled = [equal_error(data.energy, data.vibrating, weight) for weight in _weights(data)]
     # Without a draw (one kind of tile never got weight), the limits are the threshold itself.
-    low, high = (float(np.quantile(resampled, q)) for q in (0.025, 0.975)) if resampled else (value, value)
-    return at_threshold(recording, value, data, name=name, low=low, high=high, margin_m=margin_m)
+    low, high = np.quantile(resampled or [value], (0.025, 0.975)).tolist()
+    return at_threshold(recording, value, data, name="equal error", low=low, high=high)
 
 
 def at_threshold(
@@ -361,49 +286,32 @@ def at_threshold(
     name: str = "given",
     low: float = float("nan"),
     high: float = float("nan"),
-    margin_m: float = 0.02,
 ) -> Threshold:
     """Compute the error rates at a threshold, and whether the floor can be decided with it.
 
     Args:
         value: the threshold. data: samples of the recording, from ``labelled``; None: they are computed here.
         name: name of the rule that chose the threshold. low, high: limits of the threshold.
-        margin_m: edge distance up to which samples do not count as ``inner_samples``.
     """
     data = data or labelled(recording)
-    far_from_edges = data.edge_m > number_of(margin_m, "margin_m")
-    bits = data.energy > number_of(value, "value")
-    sessions = np.unique(data.session)
+    bits = data.energy > value
     by_session = [
         observed_share(data.tile[data.session == session], bits[data.session == session])
-        for session in sessions
+        for session in np.unique(data.session)
     ]
-    return Threshold(
-        rule=name,
-        value=value,
-        low=low,
-        high=high,
-        all_samples=rates(data, value, chosen=np.ones(bits.size, dtype=np.bool_)),
-        inner_samples=rates(data, value, chosen=far_from_edges),
-        share_by_session=bounded_mean(by_session),
-        decidable=_decidable(data, bits, value, recording),
-    )
+    errors, share = rates(data, value), bounded_mean(by_session)
+    return Threshold(name, value, low, high, errors, share, _decidable(data, bits, errors, recording))
 
 
-def rates(data: Labelled, threshold: float, chosen: Bools) -> Rates:
-    """Compute the error rates of some samples at a threshold; nan for a kind of tile without samples.
+def rates(data: Labelled, threshold: float, chosen: Bools | None = None) -> Rates:
+    """Compute the error rates of samples at a threshold; nan for a kind of tile without samples.
 
     Args:
-        chosen: whether each sample counts, (samples,).
+        chosen: whether each sample counts, (samples,); None: all do.
     """
-    bits = data.energy > threshold
-    on_still, on_vibrating = chosen & ~data.vibrating, chosen & data.vibrating
-    return Rates(
-        false_positive=share_of(bits, on_still),
-        false_negative=share_of(~bits, on_vibrating),
-        still=int(on_still.sum()),
-        vibrating=int(on_vibrating.sum()),
-    )
+    bits, counts = data.energy > threshold, np.ones(data.energy.size, np.bool_) if chosen is None else chosen
+    still, vibrating = counts & ~data.vibrating, counts & data.vibrating
+    return Rates(share_of(bits, still), share_of(~bits, vibrating), int(still.sum()), int(vibrating.sum()))
 
 
 def share_of(is_wrong: Bools, samples: Bools) -> float:
@@ -411,92 +319,63 @@ def share_of(is_wrong: Bools, samples: Bools) -> float:
     return float(is_wrong[samples].mean()) if samples.any() else float("nan")
 
 
-def unseen_errors(
-    recording: Recording, cost_false_positive: float = 1.0, cost_false_negative: float = 1.0
-) -> pl.DataFrame:
-    """Return how each session is judged by a threshold of the others: by equal error, or by costs if they differ.
+def unseen_errors(recording: Recording, data: Labelled | None = None) -> pl.DataFrame:
+    """Return how each session is judged by a threshold of the others.
 
-    Returns: rule, session (from 1), threshold, and the error rates of its samples; empty with a single session.
+    Returns: session (from 1), threshold, and the error rates of its samples; empty with a single session.
         Sessions without both kinds of tile, and those whose others have one kind only, are left out.
     Raises:
-        InputError: a cost that is not above 0, or samples on one kind of tile only.
+        InputError: samples are on one kind of tile only.
     """
-    data = labelled(recording)
-    rules = _rules(cost_false_positive, cost_false_negative, data.fill_ratio)
-    name, rule = list(rules.items())[0 if cost_false_positive == cost_false_negative else -1]
-    rows = []
+    data, rows = data or labelled(recording), []
     for session in np.unique(data.session):
         own = data.session == session
-        if any(len(np.unique(data.vibrating[some])) < 2 for some in (own, ~own)):
-            continue
-        value = rule(data.energy[~own], data.vibrating[~own], np.ones(int((~own).sum())))
-        errors = rates(data, value, own)
-        rows.append((name, int(session) + 1, value, errors.false_positive, errors.false_negative))
-    names = ("rule", "session", "threshold", "false_positive", "false_negative")
+        if all(len(np.unique(data.vibrating[some])) == 2 for some in (own, ~own)):
+            value = equal_error(data.energy[~own], data.vibrating[~own], np.ones(int((~own).sum())))
+            rows.append((int(session) + 1, value, *rates(data, value, own)[:2]))
+    names = ("session", "threshold", "false_positive", "false_negative")
     return pl.DataFrame(rows, schema=names, orient="row")
-
-
-def edge_profile(data: Labelled, threshold: float) -> pl.DataFrame:
-    """Compute the error rates at a threshold by edge distance.
-
-    Returns: one row per class of ``EDGES_M``: from_m, to_m (exclusive), and the fields of ``Rates``.
-    """
-    spans = pl.DataFrame(list(pairwise(EDGES_M)), schema=["from_m", "to_m"], orient="row")
-    inside = [(data.edge_m >= from_m) & (data.edge_m < to_m) for from_m, to_m in spans.iter_rows()]
-    return spans.hstack(pl.DataFrame([asdict(rates(data, threshold, chosen)) for chosen in inside]))
 
 
 @dataclass(frozen=True)
 class Recommendation:
-    """Thresholds of a recording by several rules, and which one to use."""
+    """A threshold of a recording, and how it does beside others."""
 
     thresholds: tuple[Threshold, ...]
-    """By equal error, by least error, by costs if they differ, and the given one if there is one."""
-    chosen: Threshold
-    """The given one, else that of different costs, else that of equal error."""
+    """By equal error, and the given one if there is one."""
     in_use: Threshold
     """At the threshold of the recording, or of the scenario that it was read with if neither user nor logs told it."""
-    profile: pl.DataFrame
-    """Errors by edge distance at equal error (``edge_profile``)."""
-    margin_m: float
-    """Edge distance up to which samples do not count as ``inner_samples``."""
-    unseen: pl.DataFrame | None = None
-    """How each session is judged by the threshold of the others (``unseen_errors``); None: not computed."""
+    unseen: pl.DataFrame
+    """How each session is judged by the threshold of the others (``unseen_errors``)."""
     law: pl.DataFrame | None = None
     """Table of the law of the sensor (``laws.law_table``); None: it was not fitted."""
 
+    @property
+    def chosen(self) -> Threshold:
+        """The given one, else that of equal error."""
+        return self.thresholds[-1]
 
-def recommend(
-    recording: Recording,
-    costs: tuple[float, float] = (1.0, 1.0),
-    at: float | None = None,
-    margin_m: float = 0.02,
-) -> Recommendation:
+
+def recommend(recording: Recording, at: float | None = None) -> Recommendation:
     """Recommend a threshold.
 
     Args:
-        costs: of a false positive and of a false negative; only their ratio matters. at: a given threshold; None: none.
-        margin_m: edge distance up to which samples do not count as ``inner_samples``.
+        at: a given threshold; None: none.
     Raises:
-        InputError: a cost that is not above 0, or samples on one kind of tile only.
+        InputError: samples are on one kind of tile only.
     """
-    thresholds = find_thresholds(recording, *costs, margin_m)
-    if at is not None:
-        thresholds.append(at_threshold(recording, number_of(at, "at"), margin_m=margin_m))
-    is_special = at is not None or costs[0] != costs[1]
+    data = labelled(recording)
+    given = () if at is None else (at_threshold(recording, at, data),)
     field = "sensor.rms_threshold"
     name = "in use" if recording.knows(field) else "of the scenario"
     return Recommendation(
-        thresholds=tuple(thresholds),
-        chosen=thresholds[-1 if is_special else 0],
-        in_use=at_threshold(recording, recording.scenario[field], name=name, margin_m=margin_m),
-        profile=edge_profile(labelled(recording), thresholds[0].value),
-        margin_m=margin_m,
-        unseen=unseen_errors(recording, *costs),
+        thresholds=(find_threshold(recording, data), *given),
+        in_use=at_threshold(recording, recording.scenario[field], data, name=name),
+        unseen=unseen_errors(recording, data),
     )
 
 
-def _decidable(data: Labelled, bits: Bools, threshold: float, recording: Recording) -> Decidability:
+def _decidable(data: Labelled, bits: Bools, errors: Rates, recording: Recording) -> Decidability:
     """Compute whether the floor can be decided from the bits of all sessions.
 
     The share of ones is the mean over visited tiles of each tile's share. Its interval is that of a share measured with
@@ -505,12 +384,11 @@ def _decidable(data: Labelled, bits: Bools, threshold: float, recording: Recordi
     number that gives the share the error that it has by how far robots, on the same tiles, are apart.
 
     Args:
-        bits: of the samples ``data`` at this threshold, (samples,).
+        bits: of the samples ``data`` at this threshold, (samples,). errors: their rates.
     """
     observed = observed_share(data.tile, bits)
     count = np.bincount(data.tile)
     visits = count[count > 0] / data.tile.size  # w_t: share of the samples on each visited tile
-    errors = rates(data, threshold, chosen=np.ones(bits.size, dtype=np.bool_))  # of all samples
     effective = float(
         effective_with_sensor(
             samples=data.tile.size,
@@ -520,7 +398,7 @@ def _decidable(data: Labelled, bits: Bools, threshold: float, recording: Recordi
             false_negative=errors.false_negative,
         )
     )
-    robot, tile = _robots(data), np.unique(data.tile, return_inverse=True)[1]
+    robot, tile = robot_clusters(data.samples), np.unique(data.tile, return_inverse=True)[1]
     visited = np.bincount(tile)
     apart = (bits - (np.bincount(tile, bits) / visited)[tile]) / (visited[tile] * visited.size)
     by_robot = np.bincount(robot, apart)  # what each adds to the share of ones, beyond the share of its tiles
@@ -533,10 +411,6 @@ def _decidable(data: Labelled, bits: Bools, threshold: float, recording: Recordi
     return decidability_of_share(observed, boundary, truth, effective_samples=effective)
 
 
-def _robots(data: Labelled) -> Ints:
-    return robot_clusters(pl.DataFrame({"run": data.session, "robot": data.robot}))
-
-
 def _weights(data: Labelled) -> list[Floats]:
     """Return the weights of the samples in each bootstrap draw, (samples,) each.
 
@@ -545,7 +419,7 @@ def _weights(data: Labelled) -> list[Floats]:
     left out, since one error rate is then undefined.
     """
     tile = np.unique(data.tile, return_inverse=True)[1]
-    robot = _robots(data)
+    robot = robot_clusters(data.samples)
     drawn = (robot_and_tile_weights(_SEED, draw, robot, tile) for draw in range(RESAMPLES))
     return [
         weights

@@ -54,6 +54,8 @@ edges by the same distance."""
 SIZE_PX: Final = 0.1
 """By how much farther outwards the edges of robots' markers may be seen than those of the floor's markers, which have
 another size, px. The fit takes both as equal; rendered markers differ by up to 0.16 px."""
+RIMLESS_PX: Final = 0.8
+"""The same if markers of the floor have no white rim: then their edges lie between black and the floor's grey."""
 HEIGHT_SHARE: Final = 0.01
 """Standard deviation of a measured camera height, as a share of it."""
 FOCAL_SHARE: Final = 0.5
@@ -92,7 +94,8 @@ class Camera:
     place_error_m: float = 0.0
     """How far the places of robots may be off, m, the largest: the larger of two standard errors, by errors of
     ``CORNER_PX`` of the corners, and of how far places move if robots' markers are seen wider by ``SIZE_PX`` at each
-    edge than those of the floor (not if the lens is given: then places do not depend on the size of these markers)."""
+    edge than those of the floor (not if the lens is given: then places do not depend on the size of these markers);
+    by ``RIMLESS_PX`` if those of the floor have no white rims."""
 
     def at_height(self, points_px: Floats, height_m: float) -> Floats:
         """Return x and y in the arena, (..., 2), m, of points at a given height above the floor.
@@ -178,6 +181,7 @@ class _Seen:
     robot_height_m: float
     lens: Lens | None
     camera_height_m: float | None
+    have_rims: bool
 
     def camera(self, at: Floats) -> Camera:
         """Return the camera with the parameters ``at``.
@@ -262,7 +266,8 @@ class _Seen:
         by_corners_m = 2.0 * np.linalg.norm(moved_m, axis=0)
         if self.lens is not None:
             return float(by_corners_m.max())
-        wider = replace(self, robots_px=self.robots_px + SIZE_PX * self.robots_outwards)
+        size_px = SIZE_PX if self.have_rims else RIMLESS_PX
+        wider = replace(self, robots_px=self.robots_px + size_px * self.robots_outwards)
         by_size_m = self.moved_m(found.x, wider.fitted(found.x).x)
         return float(np.maximum(by_corners_m, by_size_m).max())
 
@@ -309,6 +314,8 @@ def fit_camera(
     robot_height_m: float,
     lens: Lens | None = None,
     camera_height_m: float | None = None,
+    *,
+    have_rims: bool = True,
 ) -> Camera:
     """Fit a camera's pose, and its lens unless it is given.
 
@@ -319,6 +326,7 @@ def fit_camera(
         robots_px: corners of robots' markers as they are seen at any places, (markers, 4, 2).
         robot_size_m, robot_height_m: edge of a robot's marker, and its height above the floor.
         camera_height_m: height of the lens above the floor, if it was measured.
+        have_rims: whether the floor's markers have white rims; if not, places are less sure.
     Raises:
         InputError: there are fewer than 4 floor corners, or no camera explains them: the fit failed, the camera is not
             above the robots, or the floor's corners are off by more than 2 % of the image's width.
@@ -336,6 +344,7 @@ def fit_camera(
         robot_height_m=robot_height_m,
         lens=lens,
         camera_height_m=camera_height_m,
+        have_rims=have_rims,
     )
     # A lens that is given is not fitted, so one start is enough; its focal length is not used.
     focal_starts = FOCAL_STARTS if lens is None else (1.0,)

@@ -38,9 +38,8 @@ ENLARGED_PX: Final = 30.0
 LEAST_ROUND: Final = 0.5
 """Least circumference of a marker in its window, as a share of the window's longer side; that of a robot that stands is
 1.2 to 1.5. Looking into smaller figures, such as noise, would take most of the time."""
-STRETCH: Final = 4
-"""Number of successive whole frames over which shifts of the floor's markers are averaged: a camera that is pushed near
-the end of a video counts as much as one that moves all the time."""
+RIM: Final = 0.85
+"""A rim is at least so white, from 0, a marker's black, to 1, its white."""
 SAMPLES: Final = 8
 """Most frames of which ``Detections.samples`` keeps the picture."""
 
@@ -63,13 +62,16 @@ class Detections:
     """Floor markers that were seen: frame and corners, (4, 2), px, of each time, by their numbers."""
     whole_frames: int
     """Number of frames that were searched whole for all markers of the dictionary."""
-    twice: tuple[tuple[int, int], ...] = ()
-    """Frame and marker each time that a marker was seen at two places of a frame."""
     unexpected: Mapping[int, Sequence[tuple[int, Floats]]] = field(default_factory=dict)
     """Markers of the dictionary that are on no robot and not on the floor: frame and corners, (4, 2), px, each time
     that one was seen in a whole frame, by its number."""
     samples: tuple[Gray, ...] = ()
-    """Some frames from all of the video, to judge the picture."""
+    """The first frames that were searched whole, to judge the picture."""
+
+    @property
+    def have_rims(self) -> bool:
+        """Whether the floor's markers have white rims, as in the first of the samples."""
+        return not self.samples or all(has_rim(self.samples[0], four) for four in self.floor_px.values())
 
     @cached_property
     def floor_px(self) -> dict[int, Floats]:
@@ -78,35 +80,19 @@ class Detections:
             marker: np.median([four for _, four in seen], axis=0) for marker, seen in self.floor_seen.items()
         }
 
-    def floor_shifts_px(self) -> dict[int, dict[int, float]]:
-        """Return how far the middle of each floor marker is from its median, px, by frame, by marker."""
-        return {
-            marker: {
-                frame: float(np.hypot(*(four - self.floor_px[marker]).mean(axis=0))) for frame, four in seen
-            }
-            for marker, seen in self.floor_seen.items()
-        }
-
     @cached_property
     def floor_spread(self) -> tuple[float, int]:
-        """How far all floor markers are from their medians, px, and the frame at which that is.
+        """How far floor markers are from their medians, px, and the frame at which that is most.
 
         The shift of a frame is the median over markers, so that it is the camera that moves, not one of many markers.
-        The result is the largest root mean square of the shifts of ``STRETCH`` successive whole frames, and the frame
-        of the largest shift among them.
         """
         by_frame: dict[int, list[float]] = {}
-        for shifts in self.floor_shifts_px().values():
-            for frame, shift in shifts.items():
+        for marker, seen in self.floor_seen.items():
+            for frame, four in seen:
+                shift = float(np.hypot(*(four - self.floor_px[marker]).mean(axis=0)))
                 by_frame.setdefault(frame, []).append(shift)
-        frames = sorted(by_frame)
-        shifts_px = np.array([np.median(by_frame[frame]) for frame in frames])
-        starts = range(max(len(frames) - STRETCH, 0) + 1) if frames else []
-        stretches = [(float(np.sqrt(np.mean(shifts_px[k : k + STRETCH] ** 2))), k) for k in starts]
-        if not stretches:
-            return 0.0, 0
-        largest_px, k = max(stretches)
-        return largest_px, frames[k + int(np.argmax(shifts_px[k : k + STRETCH]))]
+        shifts = [(float(np.median(each)), frame) for frame, each in by_frame.items()]
+        return max(shifts, default=(0.0, 0))
 
     def edge_px(self) -> Floats:
         """Return the median length of the edges of each robot's marker, (robots,), px; NaN if it was never seen."""
@@ -114,6 +100,17 @@ class Detections:
         edges = np.moveaxis(edge_lengths(self.corners_px), 1, 0)
         seen = [of_robot[~np.isnan(of_robot)] for of_robot in edges]
         return np.array([np.median(of_robot) if of_robot.size else np.nan for of_robot in seen])
+
+
+def has_rim(picture: Gray, corners_px: Floats) -> bool:
+    """Return whether a marker with these corners, (4, 2), is white around its black border."""
+    cv2 = opencv()
+    square = np.array([[12, 12], [60, 12], [60, 60], [12, 60]], dtype=np.float32)  # with a quarter around it
+    turned = cv2.getPerspectiveTransform(corners_px.astype(np.float32), square)
+    flat = cv2.warpPerspective(picture, turned, (72, 72), borderMode=cv2.BORDER_REPLICATE)
+    around = np.concatenate([flat[6:9, 12:60], flat[63:66, 12:60], flat[12:60, 6:9].T, flat[12:60, 63:66].T])
+    black, white = np.percentile(flat[12:60, 12:60], (5, 95))
+    return bool(np.median(around) > black + RIM * (white - black))
 
 
 def edge_lengths(corners: Floats) -> Floats:
@@ -130,8 +127,8 @@ def detect(
 ) -> Detections:
     """Find the markers of robots and floor in a video.
 
-    If a robot's marker is seen at two places of a frame, the one nearer to where it was seen last is used. Before it
-    was seen at a single place, the one nearer to where it is seen next is used: this is decided backwards from there.
+    If a robot's marker is seen at two places of a frame, the one that moves is used while the other, such as a spare
+    print, lies still; of two that move, or of two that lie still, the one nearer to the robot's path before and after.
 
     Args:
         partial: whether a video that ends early is accepted.
@@ -143,21 +140,19 @@ def detect(
     """
     info = video_info(path)
     search = _Search(markers, info.size_px)
-    times, found = [], []
+    times = []
     for k, (time_s, picture) in enumerate(pictures_of(path, partial=partial)):
-        found.append(search.corners_in(k, picture))
+        search.look_at(k, picture)
         times.append(time_s)
         if progress is not None:
             progress(k + 1, max(info.frames, k + 1))  # the header of the video may state too few frames
-    search.finish(k, picture, found[-1])
-    search.decide_backwards(found)
+    search.finish(k, picture)
     return Detections(
         size_px=info.size_px,
         time_s=np.array(times),
-        corners_px=np.array(found),
+        corners_px=np.stack([_followed(_without_spare(places)) for places in search.places], axis=1),
         floor_seen={marker: seen for marker, seen in search.floor.items() if seen},
         whole_frames=search.whole_frames,
-        twice=tuple(search.twice),
         unexpected=search.unexpected,
         samples=tuple(search.samples),
     )
@@ -169,121 +164,111 @@ class _Search:
     def __init__(self, markers: Markers, size_px: tuple[int, int]) -> None:
         self._finder, self._size_px = _Finder(opencv(), markers), size_px
         self._robots = list(markers.robots)  # number of each robot's marker
-        # The corners of each robot's marker where it was seen last (None: never), whether that is the last frame, and
-        # its movement between the last two frames, px (0 if it was not seen in both).
-        self._last: list[Floats | None] = [None] * len(self._robots)
-        self._just_seen = np.zeros(len(self._robots), dtype=np.bool_)
-        self._moved = np.zeros((len(self._robots), 2))
-        # Frames in which each robot's marker was seen at several places before it was seen at a single one.
-        self._unclear: list[list[tuple[int, Sequence[Floats]]]] = [[] for _ in self._robots]
+        self.places: list[list[list[Floats]]] = [[] for _ in self._robots]
+        """Corners of each robot's marker at each place of each frame."""
+        # The corners of each robot's marker where it was seen last (None: never), and its movement to there, px.
+        self._last: list[tuple[Floats, Floats] | None] = [None] * len(self._robots)
+        self._doubled: set[int] = (
+            set()
+        )  # markers that were seen at several places: from then on looked for everywhere
         self.floor: dict[int, list[tuple[int, Floats]]] = {marker: [] for marker in markers.floor}
         """See ``Detections.floor_seen``; here also those that were not seen."""
         self.unexpected: dict[int, list[tuple[int, Floats]]] = {}
-        self.twice: list[tuple[int, int]] = []
         self.samples: list[Gray] = []
-        self._sample_every = 1
         self.whole_frames = 0
         self._searched_for_all = -1
 
-    def corners_in(self, k: int, picture: Picture) -> Floats:
-        """Return the corners of the robots' markers in frame ``k``, (robots, 4, 2), px; NaN: not seen."""
-        here = np.full((len(self._robots), 4, 2), np.nan)
-        twice: set[int] = set()
-        self._sample(k, picture)
+    def look_at(self, k: int, picture: Picture) -> None:
+        """Find the robots' markers in frame ``k``, and at times all markers."""
+        here: list[list[Floats]] = [[] for _ in self._robots]
         for i, marker in enumerate(self._robots):
             last = self._last[i]
-            window = None if last is None else _window(last, self._moved[i], self._size_px)
+            window = None if last is None else _window(*last, self._size_px)
             if window is not None:
-                here[i] = self._nearest(i, self._finder.in_window(picture, window, marker), twice)
+                here[i] = self._finder.in_window(picture, window, marker)
         is_known = all(len(corners) >= FLOOR_LEAST for corners in self.floor.values())
-        floor_is_due = k % FLOOR_EVERY == 0 and not is_known
-        if k % WHOLE_EVERY == 0 or floor_is_due:
-            self._search_for_all(k, picture, here, twice)
-        elif np.isnan(here).any():
-            self._search_for_robots(k, self._finder.listed_in(grey(picture)), here, twice)
-        self.twice += [(k, marker) for marker in sorted(twice)]
-        self._remember(here)
-        return here
-
-    def finish(self, k: int, picture: Picture, here: Floats) -> None:
-        """Search the last frame for all markers, unless that was done: the camera may have been pushed since.
-
-        Args:
-            here: what ``corners_in`` returned for it.
-        """
-        if k != self._searched_for_all:
-            self._search_for_all(k, picture, here, set())
-
-    def _sample(self, k: int, picture: Picture) -> None:
-        """Keep frame ``k`` if it is due: all at first, then every second, every fourth ... of a longer video."""
-        if k % self._sample_every:
-            return
-        if len(self.samples) == SAMPLES:
-            self.samples = self.samples[::2]
-            self._sample_every *= 2
-        if k % self._sample_every == 0:
-            self.samples.append(grey(picture))
-
-    def _search_for_all(self, k: int, picture: Picture, here: Floats, twice: set[int]) -> None:
-        """Search the whole of frame ``k`` for all markers of the dictionary, on robots, on the floor or neither."""
-        self.whole_frames += 1
-        self._searched_for_all = k
-        seen = self._finder.everywhere(grey(picture))
-        self._search_for_robots(k, seen, here, twice)
-        for marker, places in seen.items():
-            if marker in self._robots:
-                continue
-            if len(places) > 1:
-                twice.add(marker)
-            elif marker not in self.floor:
-                self.unexpected.setdefault(marker, []).append((k, places[0]))
-            else:
-                self.floor[marker].append((k, places[0]))
-
-    def _search_for_robots(self, k: int, seen: Seen, here: Floats, twice: set[int]) -> None:
-        """Write what was seen of the robots' markers in the whole of frame ``k``, and not in windows, into ``here``."""
+        seen: Seen = {}
+        if k % WHOLE_EVERY == 0 or (k % FLOOR_EVERY == 0 and not is_known):
+            seen = self._search_for_all(k, picture)
+        elif self._doubled or not all(here):
+            seen = self._finder.listed_in(grey(picture))
         for i, marker in enumerate(self._robots):
-            places = seen.get(marker, [])
-            best = self._nearest(i, places, twice)
-            here[i] = best if np.isnan(here[i]).any() else here[i]
-            if len(places) > 1 and self._last[i] is None:
-                self._unclear[i].append((k, places))
+            everywhere = seen.get(marker, [])
+            if len(everywhere) > 1:
+                self._doubled.add(marker)
+            if len(everywhere) > len(here[i]):
+                here[i] = everywhere
+            self.places[i].append(here[i])
+            self._remember(i, k, here[i])
 
-    def decide_backwards(self, found: Sequence[Floats]) -> None:
-        """Decide where markers were that were seen at several places before they were seen at a single one.
+    def finish(self, k: int, picture: Picture) -> None:
+        """Search the last frame for all markers, unless that was done: the camera may have been pushed since."""
+        if k != self._searched_for_all:
+            self._search_for_all(k, picture)
 
-        Args:
-            found: of each frame, what ``corners_in`` returned; is changed.
-        """
-        for i, unclear in enumerate(self._unclear):
-            clear = [here[i] for here in found if not np.isnan(here[i]).any()]
-            if not clear:
-                continue
-            later = clear[0]
-            for k, places in reversed(unclear):
-                later = found[k][i] = _nearest_to(later, places)
+    def _search_for_all(self, k: int, picture: Picture) -> Seen:
+        """Search the whole of frame ``k`` for all markers of the dictionary, and note those that are on no robot."""
+        self.whole_frames, self._searched_for_all = self.whole_frames + 1, k
+        if len(self.samples) < SAMPLES:
+            self.samples.append(grey(picture))
+        seen = self._finder.everywhere(grey(picture))
+        for marker in seen.keys() - set(self._robots):
+            noted = self.floor if marker in self.floor else self.unexpected
+            if len(seen[marker]) == 1:
+                noted.setdefault(marker, []).append((k, seen[marker][0]))
+        return seen
 
-    def _nearest(self, i: int, places: Sequence[Floats], twice: set[int]) -> Floats:
-        """Return the corners of robot ``i``'s marker, (4, 2): of several the nearest to where it was seen last.
-
-        NaN: it is at no place, or at several and was never seen before. A marker at several is added to ``twice``.
-        """
+    def _remember(self, i: int, k: int, places: Sequence[Floats]) -> None:
+        """Remember where a robot's marker is, and how it moved since the last frame (0 if it was not seen there)."""
         last = self._last[i]
-        if len(places) > 1:
-            twice.add(self._robots[i])
-        if not places or (len(places) > 1 and last is None):
-            return np.full((4, 2), np.nan)
-        return places[0] if last is None else _nearest_to(last, places)
+        if places:
+            now = places[0] if last is None else _nearest_to(last[0], places)
+            was_seen = last is not None and k > 0 and self.places[i][k - 1]
+            self._last[i] = now, (now - last[0]).mean(axis=0) if was_seen else np.zeros(2)  # type: ignore[index]
+        elif last is not None:
+            self._last[i] = last[0], np.zeros(2)
 
-    def _remember(self, here: Floats) -> None:
-        """Remember where the robots' markers are, and how they moved since the last frame."""
-        for i, now in enumerate(here):
-            is_seen, last = not np.isnan(now).any(), self._last[i]
-            both = is_seen and self._just_seen[i] and last is not None
-            self._moved[i] = (now - last).mean(axis=0) if both else 0.0
-            self._just_seen[i] = is_seen
-            if is_seen:
-                self._last[i] = now
+
+def _without_spare(places: Sequence[Sequence[Floats]]) -> Sequence[Sequence[Floats]]:
+    """Leave out a print that lies still while another one of the same number moves.
+
+    It lies where a marker is in more of the frames with several than anywhere else, and those elsewhere move by more
+    than a marker's edge.
+
+    Args:
+        places: corners, (4, 2), px, at each place of each frame.
+    """
+    several = [own for own in places if len(own) > 1]
+    if not several:
+        return places
+    middles = [np.array([four.mean(axis=0) for four in own]) for own in several]
+    first = several[len(several) // 2]
+    reach = 0.25 * float(edge_lengths(first[0]).mean())
+    near = [[np.linalg.norm(own - four.mean(axis=0), axis=1) < reach for own in middles] for four in first]
+    often = [int(sum(own.any() for own in each)) for each in near]
+    still = int(np.argmax(often))
+    moving = np.concatenate([own[~close] for own, close in zip(middles, near[still], strict=True)])
+    if often.count(often[still]) > 1 or float(np.ptp(moving, axis=0).max()) < 4.0 * reach:
+        return places
+    spare = first[still].mean(axis=0)
+    return [[four for four in own if np.linalg.norm(four.mean(axis=0) - spare) >= reach] for own in places]
+
+
+def _followed(places: Sequence[Sequence[Floats]]) -> Floats:
+    """Return a marker's corners in each frame, (frames, 4, 2), px: of several those nearest to its path; NaN: none.
+
+    The path begins where the marker is seen at a single place; if it never is, it is not followed.
+    """
+    found = np.full((len(places), 4, 2), np.nan)
+    first = next((k for k, own in enumerate(places) if len(own) == 1), None)
+    if first is None:
+        return found
+    for frames in (range(first, len(places)), range(first - 1, -1, -1)):
+        last = places[first][0]
+        for k in frames:
+            if places[k]:
+                last = found[k] = _nearest_to(last, places[k])
+    return found
 
 
 class _Finder:

@@ -23,13 +23,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, check_choice, check_known_keys, number_of, shown
+from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.tracking import opencv
 
 DICTIONARIES: Final = {
@@ -172,137 +173,66 @@ def first_corner(name: str) -> int:
     return 0 if as_printed else 2
 
 
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+Length = Annotated[float, Field(ge=0.0, le=1e4)]
+Size = Annotated[float, Field(ge=0.1, le=1e4)]
+Number = Annotated[int, Field(ge=0, le=2**31)]
+
+
+class _Robots(_Part):
+    size_mm: Size = SIZE_MM
+    height_mm: Length  # no default, since a wrong height would make all positions wrong without notice
+    forward_deg: float = Field(0.0, ge=-360.0, le=360.0)
+    ids: dict[Number, Number] | list[Number] = Field(min_length=1)
+
+
+class _Floor(_Part):
+    size_mm: Size = FLOOR_SIZE_MM
+    height_mm: Length = 0.0
+    at_mm: dict[Number, tuple[float, float] | tuple[float, float, float]] = Field(min_length=1)
+
+
+class _File(_Part):
+    dictionary: str = "4X4_50"
+    robots: _Robots
+    floor: _Floor
+
+
 def read_markers(path: Path) -> Markers:
     """Read a file of markers.
 
     Raises:
         InputError: it is not such a file; the message names the key that is wrong.
     """
-    name = str(path)
-    text = read_text(path, "a file of markers", most=2**20)  # 1 MiB is more than any such file needs
-    values = parsed_toml(text, name)
-    check_known_keys(values, name, ("dictionary", "robots", "floor"))
-    robots, floor = _table(values, "robots", name), _table(values, "floor", name)
-    check_known_keys(robots, f"{name}, [robots]", ("size_mm", "height_mm", "forward_deg", "ids"))
-    check_known_keys(floor, f"{name}, [floor]", ("size_mm", "height_mm", "at_mm"))
-    dictionary = values.get("dictionary", "4X4_50")
-    check_choice(dictionary, f"{name}, dictionary", DICTIONARIES)
-    count = DICTIONARIES[dictionary]
-    of_robots = _robot_ids(robots.get("ids"), count, f"{name}, robots.ids")
-    of_floor = _floor_places(floor.get("at_mm"), count, f"{name}, floor.at_mm")
-    if twice := sorted(set(of_robots) & set(of_floor)):
+    values = parsed_toml(read_text(path, "a file of markers", most=2**20), str(path))
+    try:
+        file = _File.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(first["msg"], field=f"{path}, {'.'.join(map(str, first['loc']))}") from None
+    check_choice(file.dictionary, f"{path}, dictionary", DICTIONARIES)
+    ids, robots, floor = file.robots.ids, file.robots, file.floor
+    carried = dict(ids) if isinstance(ids, dict) else {marker: robot for robot, marker in enumerate(ids)}
+    all_markers = [*carried, *floor.at_mm]
+    is_repeated = len(set(all_markers)) < len(all_markers) or len(set(carried.values())) < len(ids)
+    if is_repeated or max(all_markers) >= DICTIONARIES[file.dictionary]:
         raise InputError(
-            f"marker {twice[0]} is on a robot too; give it another", field=f"{name}, floor.at_mm"
+            f"markers must be different numbers below {DICTIONARIES[file.dictionary]}, and robots different",
+            field=str(path),
         )
     return Markers(
-        dictionary=dictionary,
-        robots=of_robots,
-        size_m=_quantity(robots, "size_mm", SIZE_MM, f"{name}, [robots]", low=0.1) / 1000,
-        # No default, since a wrong height would make all positions wrong without notice.
-        height_m=_quantity(robots, "height_mm", default=None, field=f"{name}, [robots]") / 1000,
-        forward_rad=math.radians(_quantity(robots, "forward_deg", 0.0, f"{name}, [robots]", low=-360.0)),
-        floor=of_floor,
-        floor_size_m=_quantity(floor, "size_mm", FLOOR_SIZE_MM, f"{name}, [floor]", low=0.1) / 1000,
-        floor_height_m=_quantity(floor, "height_mm", 0.0, f"{name}, [floor]") / 1000,
+        dictionary=file.dictionary,
+        robots=carried,
+        size_m=robots.size_mm / 1000,
+        height_m=robots.height_mm / 1000,
+        forward_rad=math.radians(robots.forward_deg),
+        floor={
+            marker: (place[0] / 1000, place[1] / 1000, math.radians(sum(place[2:])))
+            for marker, place in floor.at_mm.items()
+        },
+        floor_size_m=floor.size_mm / 1000,
+        floor_height_m=floor.height_mm / 1000,
     )
-
-
-def _table(values: Mapping[str, Any], key: str, name: str) -> Mapping[str, Any]:
-    """Return a table of the file ``name``; raise InputError if it is missing."""
-    table = values.get(key)
-    if not isinstance(table, dict):
-        raise InputError(f"has no [{key}]", field=name)
-    return table
-
-
-def _quantity(
-    table: Mapping[str, Any], key: str, default: float | None, field: str, low: float = 0.0
-) -> float:
-    """Return a length (mm) or angle (degrees) of a table, from ``low`` to 10,000; without a default it is required."""
-    if key not in table and default is None:
-        raise InputError(f"does not state {key}, without which positions are wrong", field=field)
-    return number_of(table.get(key, default), f"{field}.{key}", low, 1e4)
-
-
-def _marker(text: Any, count: int, field: str) -> int:
-    """Return the number of a marker as an integer.
-
-    Args:
-        text: the number as text (a key of a TOML table) or as a value (an entry of a list).
-        count: number of markers of the dictionary. field: name of the table or list, for messages.
-    Raises:
-        InputError: it is not a whole number from 0 to ``count`` - 1.
-    """
-    try:
-        # -1, as below, is refused by the check of the range.
-        marker = int(text) if isinstance(text, str) or _is_whole(text) else -1
-    except ValueError:
-        marker = -1
-    if not 0 <= marker < count:
-        raise InputError(
-            f"{shown(text)} is not a marker; give a whole number from 0 to {count - 1}", field=field
-        )
-    return marker
-
-
-def _is_whole(value: Any) -> bool:
-    """Return whether a value of a TOML file is a whole number; true and false are none."""
-    return type(value) is int or (isinstance(value, float) and value.is_integer())
-
-
-def _robot_name(value: Any, field: str) -> int:
-    """Return the name of a robot as an integer.
-
-    Raises:
-        InputError: it is not a whole number from 0 to 2^31, the range of robots' numbers in logs
-            (``recordings.column_map``).
-    """
-    if not _is_whole(value) or not 0 <= value <= 2**31:
-        raise InputError(
-            f"{shown(value)} is not the number of a robot; give a whole number from 0 to {2**31}", field=field
-        )
-    return int(value)
-
-
-def _robot_ids(value: Any, count: int, field: str) -> dict[int, int]:
-    """Return the name of the robot that carries each marker, by the marker's number.
-
-    Args:
-        value: a list of the markers of robots 0, 1, ..., or a table of markers and robots' names.
-        count: number of markers of the dictionary. field: name of ``value``, for messages.
-    Raises:
-        InputError: it is missing, empty, or neither list nor table; it has a marker that the dictionary does not have,
-            or a robot's name that ``_robot_name`` refuses; or it repeats a marker or a robot.
-    """
-    pairs = list(value.items()) if isinstance(value, dict) else []  # no pairs are refused below
-    if isinstance(value, list):
-        pairs = [(marker, robot) for robot, marker in enumerate(value)]
-    found = {_marker(marker, count, field): _robot_name(name, field) for marker, name in pairs}
-    if not pairs or len(found) != len(pairs) or len(set(found.values())) != len(pairs):
-        raise InputError("must list different markers of different robots: [0, 1] or { 10 = 1 }", field=field)
-    return found
-
-
-def _floor_places(value: Any, count: int, field: str) -> dict[int, tuple[float, float, float]]:
-    """Return x, y (m) and angle (rad) of each floor marker, by its number.
-
-    Args:
-        value: a table of markers and places: [x, y] or [x, y, degrees], in mm.
-        count: number of markers of the dictionary. field: name of ``value``, for messages.
-    Raises:
-        InputError: it is missing, empty or no table, names a marker twice or one that the dictionary does not have, or
-            has a place that is not two or three numbers.
-    """
-    places: dict[int, tuple[float, float, float]] = {}
-    for marker, place in (value if isinstance(value, dict) else {}).items():
-        if not isinstance(place, list) or len(place) not in (2, 3):
-            raise InputError("must be [x, y] or [x, y, degrees], in mm", field=f"{field}.{marker}")
-        x_mm, y_mm, *angles_deg = (number_of(part, f"{field}.{marker}", -1e6, 1e6) for part in place)
-        angle_deg = angles_deg[0] if angles_deg else 0.0
-        number = _marker(marker, count, field)
-        if number in places:  # the keys 46 and 046 are two texts, but one marker
-            raise InputError(f"gives marker {number} twice", field=field)
-        places[number] = (x_mm / 1000, y_mm / 1000, math.radians(angle_deg))
-    if not places:
-        raise InputError("must give the centre of at least one marker: { 46 = [-55, 40] }", field=field)
-    return places

@@ -18,7 +18,6 @@ MAD is the median absolute deviation; 1.4826 MAD is the standard deviation of no
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -96,40 +95,14 @@ def stops_of(robot: int, time_s: Floats, x_m: Floats, y_m: Floats, heading_rad: 
         if away.max() < near_m and turned.max() < near_rad:
             stands[stretch] = True
     # ``stands`` changes at the first detection of a stop and at the first one after it: pairs of indices.
-    # A 0 at both ends makes a stop begin or end there too. A gap alone does not end a stop
-    # (``_parted``).
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(np.int8), [0]])))
-    poses, near = np.column_stack([x_m, y_m, heading]), np.array([near_m, near_rad])
     rows = []
-    stood = [
-        part for begin, after in edges.reshape(-1, 2) for part in _parted(begin, after, time_s, poses, near)
-    ]
-    for begin, after in stood:
+    for begin, after in edges.reshape(-1, 2):
         x, y, towards = (float(np.median(values[begin:after])) for values in (x_m, y_m, heading))
         moved = np.hypot(x_m - x, y_m - y) + LEVER_M * np.abs(heading - towards)
         end_s, end_seen = _end_of(after, time_s, moved)
         rows.append((robot, float(time_s[begin]), end_s, end_seen, x, y))
     return pl.DataFrame(rows, schema=STOPS, orient="row")
-
-
-def _parted(begin: int, after: int, time_s: Floats, poses: Floats, near: Floats) -> list[tuple[int, int]]:
-    """Divide detections of a standing robot at gaps after which it stands elsewhere: it drove while it was not seen.
-
-    Args:
-        begin, after: index of the first detection, and of the first one after them. poses: x (m), y (m) and heading
-            (rad) at each detection, (detections, 3). near: up to which distance (m) and angle (rad) poses are the same.
-    Returns: pairs such as ``begin`` and ``after``, one for each stop.
-    """
-    gaps = begin + 1 + np.flatnonzero(np.diff(time_s[begin:after]) > 2.0 * SHORTEST_S)
-    limits = [begin, *gaps.tolist(), after]
-    parts = [(limits[0], limits[1])]
-    for first, last in pairwise(limits[1:]):
-        x_m, y_m, heading = np.median(poses[first:last], axis=0) - np.median(poses[slice(*parts[-1])], axis=0)
-        if np.hypot(x_m, y_m) < near[0] and abs(heading) < near[1]:
-            parts[-1] = (parts[-1][0], last)
-        else:
-            parts.append((first, last))
-    return parts
 
 
 def _noise(values: Floats) -> float:
@@ -217,51 +190,3 @@ def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float
         samples=during,
         control_period_s=control_period_s,
     )
-
-
-FAR_S: Final = 3.0
-"""A sample at most this long after a robot was last seen standing belongs to that stop, if its end was not seen."""
-SAMPLES_MATCHED: Final = {
-    "robot": pl.Int64, "time_s": pl.Float64, "stop_end_s": pl.Float64, "residual_s": pl.Float64,
-}  # fmt: skip
-"""Columns of a table with a row per sample. ``time_s``: when it was taken, on the video's clock. ``stop_end_s``: end of
-its stop, or when the robot was last seen standing if the end was not seen; null if it has no stop. ``residual_s``: how
-much later the sample was taken than expected, which is a control period before the end of its stop; null if it has no
-stop, or a stop whose end was not seen."""
-
-
-def match_samples(stops: pl.DataFrame, samples: pl.DataFrame, offset: ClockOffset) -> pl.DataFrame:
-    """Match samples with ends of stops of the same robot that are at most ``MATCH_S`` away.
-
-    A sample matches at most one stop, and a stop at most one sample; the nearest pairs are taken first. A sample
-    without a match belongs to a stop whose end was not seen, if it was taken during that stop or up to ``FAR_S`` after
-    the robot was last seen standing; of several such stops, to the earliest.
-
-    Args:
-        stops: ``STOPS``. samples: robot and time_s (by the robots' clock). offset: result of ``clock_offset``.
-    Returns: ``SAMPLES_MATCHED``, in the order of time.
-    """
-    rows: list[tuple[int, float, float | None, float | None]] = []
-    for robot in sorted({*stops["robot"].unique().to_list(), *samples["robot"].unique().to_list()}):
-        of_robot = stops.filter(pl.col("robot") == robot)
-        own = of_robot.filter(pl.col("end_seen"))
-        hidden = of_robot.filter(~pl.col("end_seen")).select("start_s", "end_s").rows()
-        ends = own["end_s"].to_numpy() - offset.control_period_s  # when the sample of each stop was due
-        taken = np.sort(samples.filter(pl.col("robot") == robot)["time_s"].to_numpy() - offset.offset_s)
-        apart = np.abs(taken[:, None] - ends[None, :])
-        partner: dict[int, int] = {}  # the stop of each matched sample
-        for flat in np.argsort(apart, axis=None, kind="stable").tolist():  # pairs, the nearest first
-            # Row and column of ``apart``. Without stops there are no pairs, and this line is not reached.
-            sample, stop = divmod(flat, ends.size)
-            if apart[sample, stop] > MATCH_S:
-                break
-            if sample not in partner and stop not in partner.values():
-                partner[sample] = stop
-        for sample, time_s in enumerate(taken.tolist()):
-            if sample in partner:
-                stop = partner[sample]
-                rows.append((robot, time_s, float(own["end_s"][stop]), time_s - float(ends[stop])))
-            else:
-                hidden_ends = [end for start, end in hidden if start <= time_s <= end + FAR_S]
-                rows.append((robot, time_s, hidden_ends[0] if hidden_ends else None, None))
-    return pl.DataFrame(rows, schema=SAMPLES_MATCHED, orient="row").sort("time_s", "robot")

@@ -6,35 +6,27 @@ first frame, unless they are said to be on the robots' clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats
-from vibroswarm.core.numbers import count, number, percent, stated
+from vibroswarm.core.numbers import number, stated
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
-from vibroswarm.recordings.column_map import (
-    check_columns,
-    check_values,
-    has_timestamps,
-    numbers_of,
-    seconds_of,
-    table_of,
-    text_of,
-)
 from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
+from vibroswarm.recordings.read_tables import files_of, read_rows
+from vibroswarm.tracking import opencv
 from vibroswarm.tracking.camera import Camera, Lens, fit_camera, square_of
 from vibroswarm.tracking.marker_detection import Detections, detect
-from vibroswarm.tracking.markers import Markers
-from vibroswarm.tracking.picture_quality import SMALL_PX, why_dark, why_none
+from vibroswarm.tracking.markers import DICTIONARIES, Markers, dictionary_of
 from vibroswarm.tracking.stops import STOPS, ClockOffset, clock_offset, stops_of
-from vibroswarm.tracking.video_file import uneven_frames
+from vibroswarm.tracking.video_file import Gray
 
 POSITIONS: Final = {
     "robot": pl.Int64, "time_s": pl.Float64, "x_m": pl.Float64, "y_m": pl.Float64, "heading_rad": pl.Float64,
@@ -45,15 +37,15 @@ GAP_S: Final = 1.0
 """Positions are not interpolated over longer gaps."""
 MOVED_PX: Final = 0.5
 """If the floor's markers move by more than this (``Detections.floor_spread``), the camera moves."""
-FEW: Final = 0.95
-"""If robots are found in a smaller share of the frames, a dark picture is warned of."""
+SMALL_PX: Final = 20.0
+"""A marker with a smaller edge is read badly."""
 PLACES_M: Final = 0.003
 """If places may be off by more, this is warned of."""
-FLOOR_WANTED: Final = 3
-"""With fewer markers of the floor, they are what makes places uncertain, however the lens is known."""
 FASTEST_M_S: Final = 0.5
 """Fastest speed of a robot. A position that it could reach from the position before, and leave for the one after, only
 at a higher speed is a misread marker."""
+PLACES: Final = ("x_m", "y_m", "heading_rad")
+"""Columns of a robots' log that are not read, since the camera gives them."""
 FITTED: Final = 120
 """About how many detections of robots' markers a self-calibration is fitted to, spread over the video."""
 
@@ -117,9 +109,6 @@ class Tracking:
                 f"missed and headings "
                 f"are rough: bring the camera nearer, film at a higher resolution, or print markers of {needed_mm} mm."
             )
-        if self.detections.samples and self.share_found() < FEW:
-            dark = why_dark(self.detections.samples)
-            found += [f"{dark[0].upper()}{dark[1:]}."] if dark else []
         never = [
             name
             for name, edge in zip(self.markers.robots.values(), self.detections.edge_px(), strict=True)
@@ -127,13 +116,6 @@ class Tracking:
         ]
         if never:
             found.append(f"Never seen, or only at two places at once: robots {', '.join(map(str, never))}.")
-        uneven = uneven_frames(self.detections.time_s)
-        if uneven is not None:
-            share, shortest_s, longest_s = uneven
-            found.append(
-                f"Frames are uneven: {percent(share, 1)} of the steps differ from the usual one "
-                f"({number(1000 * shortest_s, 0)} to {number(1000 * longest_s, 0)} ms); the file's own times are used."
-            )
         if self.camera_moves():
             moved_px, frame = self.detections.floor_spread
             found.append(
@@ -143,30 +125,11 @@ class Tracking:
             )
         if self.camera.place_error_m > PLACES_M:
             found.append(
-                f"Robots' places may be off by {number(1000 * self.camera.place_error_m, 0)} mm or more: "
-                f"{self._why_off()}"
-            )
-        # Corners of markers are detected to about 0.2 px, so an error of more than 1 px has another cause.
-        if self.camera.floor_error_px > 1.0:
-            found.append(
-                f"Corners of the floor's markers are off by {number(self.camera.floor_error_px, 1)} px: check "
-                f"their places and the sizes of all markers, "
-                "and calibrate the lens with a chessboard (--lens)."
+                f"Robots' places may be off by {number(1000 * self.camera.place_error_m, 0)} mm or more: lay a "
+                "floor marker at each corner of the arena, measure the camera's height (--camera-height), or film a "
+                "chessboard (--lens)."
             )
         return found
-
-    def _why_off(self) -> str:
-        """Return why robots' places may be off, and what to do about it."""
-        seen = len(self.detections.floor_px)
-        if self.camera.calibrated or seen < FLOOR_WANTED:
-            return (
-                f"the camera's pose is known no better by the {count(seen, 'floor marker')} seen; lay one at each "
-                "corner of the arena, or larger ones."
-            )
-        return (
-            "seen so straight from above, the camera's height follows from the sizes of the markers alone. Measure it "
-            "(--camera-height), film a chessboard (--lens), or tilt the camera by 5 degrees."
-        )
 
 
 def track(
@@ -203,17 +166,10 @@ def track(
         ("robots'", list(markers.robots), is_seen.any()),
         ("floor's", list(markers.floor), bool(seen.floor_px)),
     ):
-        twice = sorted({marker for _, marker in seen.twice}.intersection(wanted))
-        if not is_there and twice:
-            raise InputError(
-                f"shows the {whose} markers {twice} at two places of a frame, never at one; if it shows several "
-                "arenas, crop it to one",
-                field=str(video),
-            )
         if not is_there:
             raise InputError(
-                f"shows none of the {whose} markers {wanted} (dictionary {markers.dictionary}): "
-                f"{why_none(seen.samples, markers)}",
+                f"shows none of the {whose} markers {wanted} (dictionary {markers.dictionary}), or only at two places "
+                f"of a frame: {_why_none(seen.samples, markers)}",
                 field=str(video),
             )
     robots_px = seen.corners_px[is_seen]
@@ -226,6 +182,7 @@ def track(
         robot_height_m=markers.height_m,
         lens=lens,
         camera_height_m=camera_height_m,
+        have_rims=seen.have_rims,
     )
     positions, stops, dropped = _robot_tables(seen, is_seen, camera, markers)
     return Tracking(
@@ -282,6 +239,26 @@ def wrapped(angle_rad: Floats) -> Floats:
     return np.asarray(np.angle(np.exp(1j * angle_rad)))
 
 
+def _why_none(frames: Sequence[Gray], markers: Markers) -> str:
+    """Return why frames show none of some markers, as far as they tell."""
+    seen = {name: _ids_in(frames, name) for name in DICTIONARIES}
+    best = max(
+        seen, key=lambda name: len(seen[name])
+    )  # of equally good ones the first, which is the smallest
+    if len(seen[best]) > 1 and not seen[best] <= seen[markers.dictionary]:
+        return f"its markers are of the dictionary {best} ({sorted(seen[best])[:12]})"
+    return (
+        f"it shows the markers {sorted(seen[markers.dictionary])[:12]}; are they in it, not mirrored, at least "
+        f"{stated(SMALL_PX)} px wide and with a white rim?"
+    )
+
+
+def _ids_in(frames: Sequence[Gray], dictionary: str) -> set[int]:
+    detector = opencv().aruco.ArucoDetector(dictionary_of(dictionary))
+    found = [detector.detectMarkers(np.ascontiguousarray(frame))[1] for frame in frames[::3]]
+    return {int(number) for ids in found if ids is not None for number in np.asarray(ids).ravel()}
+
+
 def too_fast(time_s: Floats, centre_m: Floats) -> Bools:
     """Return whether each position is too far from those before and after it for a robot's speed, (positions,).
 
@@ -314,22 +291,9 @@ def read_robot_log(path: Path) -> pl.DataFrame:
         InputError: the file cannot be read as CSV, a required column is missing, a cell is not a number or out of
             range, or a sample lacks robot or time_s.
     """
-    name = str(path)
-    lines, table = table_of(text_of(path), name)
-    # A use is a column of ``SAMPLES``; here the file's columns have the same names.
-    check_columns({use: use for use in ("robot", "time_s", "energy")}, table.columns, name)
-    columns: dict[str, Any] = {"line": lines}
-    for use in SAMPLES:
-        if use in ("line", "x_m", "y_m", "heading_rad") or use not in table.columns:
-            continue
-        read = seconds_of if use == "time_s" and has_timestamps(table[use]) else numbers_of
-        numbers = read(table[use], lines, name, column=use, missing=("", "nan", "NaN"))
-        check_values(numbers, lines, name, use=use, column=use)
-        columns[use] = numbers
-    found = log_frame(columns, SAMPLES).filter(pl.col("energy").is_not_null())
-    if found["robot"].null_count() or found["time_s"].null_count():
-        raise InputError("has a row without robot or time_s", field=name)
-    return found
+    schema = {use: one._replace(required=False) for use, one in SAMPLES.items() if use not in PLACES}
+    schema |= {use: SAMPLES[use]._replace(required=True) for use in ("robot", "time_s", "energy")}
+    return log_frame(read_rows(files_of(path), schema).rows)
 
 
 @dataclass(frozen=True)
@@ -402,8 +366,8 @@ def with_positions(
     log = Log(
         name=Path(name).name,
         reader="camera",
-        samples=log_frame(located.to_dict(), SAMPLES),
-        tracks=log_frame(tracks.sort("time_s", "robot").to_dict(), TRACKS),
+        samples=log_frame(located),
+        tracks=tracks.sort("time_s", "robot").select(TRACKS),
         counts={"rows": samples.height},
     )
     return TrackedLog(log, offset, outside=outside, unseen=unseen)

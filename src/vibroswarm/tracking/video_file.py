@@ -15,7 +15,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.arrays import Floats
 from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import InputError
 from vibroswarm.tracking import opencv
@@ -29,8 +28,6 @@ MISSING_FRAMES: Final = 2
 """The head of an intact file may state a frame or two too many; if more are missing, the video was cut off."""
 LARGEST_BYTES: Final = 2**40
 """Size limit of a video."""
-UNEVEN: Final = 0.2
-"""A step between frames that differs by this share from the usual one is uneven."""
 
 
 class VideoInfo(NamedTuple):
@@ -155,18 +152,3 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
             "length, from which their number of frames is computed)",
             field=str(path),
         )
-
-
-def uneven_frames(time_s: Floats) -> tuple[float, float, float] | None:
-    """Return the share of uneven steps between frames (see ``UNEVEN``), and the shortest and the longest step, s.
-
-    Args:
-        time_s: of the frames, (frames,).
-    Returns: None if all steps are even, or with fewer than three frames.
-    """
-    steps = np.diff(time_s)
-    if steps.size < 2:
-        return None
-    usual = float(np.median(steps))
-    is_uneven = np.abs(steps - usual) > UNEVEN * usual
-    return (float(is_uneven.mean()), float(steps.min()), float(steps.max())) if is_uneven.any() else None

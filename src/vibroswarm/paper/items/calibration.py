@@ -15,10 +15,10 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.calibrate.camera import seen_through
-from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
+from vibroswarm.calibrate.compare import Comparison, camera_between, compare, null_similarity, similarity
+from vibroswarm.calibrate.features import FEATURES, WORDS, values_of
 from vibroswarm.calibrate.histograms import draw_maps, draw_shares, histograms_of
-from vibroswarm.calibrate.real_vs_simulated import Comparison, camera_between, compare
-from vibroswarm.calibrate.similarity import null_similarity, similarity
+from vibroswarm.calibrate.samples import by_session
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.paper.claims import all_claims, constant, mean, state
 from vibroswarm.paper.columns import (
@@ -63,7 +63,6 @@ def compute(work: Work, made: Made) -> None:
     assert settings.recordings is not None
     real, authors = (read_recordings(settings.recordings, names) for names in (REAL, AUTHORS))
     sources, comparisons = {ROBOTS: real, SIMULATOR: authors}, dict[str, Comparison]()
-    known: dict[Any, Any] = {}  # distances among the recordings
     rows: list[dict[str, Any]] = []
     for column in settings.columns:
         scenario = scenario_of(column, real_floor(), parameter_set=EMPIRICAL)
@@ -73,8 +72,8 @@ def compute(work: Work, made: Made) -> None:
         sources[column] = simulate(scenario, settings.seed, SESSIONS, poses=True)  # the first set
         _errors_and_battery(settings, made, column)
     for name in (SIMULATOR, *settings.columns):
-        comparisons[name] = compare(real, sources[name], known)
-    for one in comparisons[SIMULATOR].similarities:
+        comparisons[name] = compare(real, sources[name])
+    for one in comparisons[SIMULATOR].likenesses:
         less = one.as_published - _printed(one.feature)
         made.values.append(constant("calibration-printed", "paper", WORDS[one.feature], less))
     made.tables |= {
@@ -92,12 +91,13 @@ def _printed(feature: str) -> float:
 
 def _measure(made: Made, column: str, real: Result, simulated: Result) -> list[dict[str, Any]]:
     """Measure the claims about similarities; return the similarity of each feature with its limits over sets."""
-    real_sessions = sessions_of(real)
-    simulated_sessions = sessions_of(seen_through(simulated, camera_between(real, simulated)))
+    real_sessions = by_session(real)
+    simulated_sessions = by_session(seen_through(simulated, camera_between(real, simulated)))
     (claim,) = (claim for claim in all_claims() if claim.id == "calibration-ours")
     rows = []
     for feature in FEATURES:
-        whole, values = np.concatenate(real_sessions.values(feature)), simulated_sessions.values(feature)
+        whole = np.concatenate([values_of(session, feature) for session in real_sessions])
+        values = [values_of(session, feature) for session in simulated_sessions]
         sets = [np.concatenate(values[k : k + SESSIONS]) for k in range(0, len(values), SESSIONS)]
         counts = [min(len(whole), len(one)) for one in sets]
         null_of = {count: null_similarity(feature, whole, count) for count in set(counts)}
@@ -151,11 +151,10 @@ def _similarities(comparisons: dict[str, Comparison]) -> pl.DataFrame:
         {
             "source": source, "feature": WORDS[one.feature], "printed": _printed(one.feature),
             "pooled": one.as_published, "null": one.null, "at_equal_counts": one.at_equal_counts,
-            "ceiling": one.ceiling, "by_session": one.by_session.mean,
-            "real_by_session": None if one.real_by_session is None else one.real_by_session.mean,
+            "ceiling": one.ceiling,
         }
         for source, comparison in comparisons.items()
-        for one in comparison.similarities
+        for one in comparison.likenesses
     ]  # fmt: skip
     return pl.DataFrame(rows, infer_schema_length=None)
 
@@ -164,9 +163,9 @@ def _distances(comparisons: dict[str, Comparison]) -> pl.DataFrame:
     """Return effect sizes of energy distances, and the accuracy of a classifier, beside those of real against real."""
     rows = []
     for source, comparison in comparisons.items():
-        measures = [(WORDS[one.feature], one.effect, one.real) for one in comparison.distances]
-        if (apart := comparison.classifier) is not None:
-            measures.append(("stretches told apart", apart.simulated_by_robot, apart.real))
+        measures = [(WORDS[one.feature], one.distance, one.real_distance) for one in comparison.likenesses]
+        if comparison.recognised is not None:
+            measures.append(("stretches told apart", comparison.recognised, None))
         for feature, effect, real in measures:
             row = {"source": source, "feature": feature, **columns_of("effect", effect)}
             rows.append(row | columns_of("real", real or [None] * 3))

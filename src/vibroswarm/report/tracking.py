@@ -1,0 +1,69 @@
+"""The report of a tracking: how well it went, what is doubtful, and how the camera fits."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import polars as pl
+
+from vibroswarm.core.numbers import count, number, percent
+from vibroswarm.report.report import Figure, Report, Table, report
+from vibroswarm.tracking.doubts import doubts_of, floor_errors
+from vibroswarm.tracking.pictures import draw_time_line, draw_tracks
+from vibroswarm.tracking.track import TrackedLog, Tracking
+
+
+@report.register
+def of_tracking(tracking: Tracking, tracked: TrackedLog | None = None) -> Report:
+    """Return what a tracking says.
+
+    Args:
+        tracked: the robots' log with positions (``track.with_positions``); None without a log.
+    """
+    camera, markers, gaps, doubts = tracking.camera, tracking.markers, tracking.gaps(), doubts_of(tracking)
+    robots, frames = list(markers.robots.values()), tracking.detections.time_s.size
+    first_s, last_s = tracking.span_s
+    of_robots = [
+        {
+            "robot": robot,
+            "found_share": tracking.positions.filter(robot=robot).height / frames,
+            "gaps": gaps.filter(robot=robot).height,
+            "stops": tracking.stops.filter(robot=robot).height,
+            "marker_px": float(edge_px),
+        }
+        for robot, edge_px in zip(robots, tracking.detections.edge_px(), strict=True)
+    ]
+    answer = [
+        f"{percent(tracking.share_found())} of positions found: {count(len(robots), 'robot')} in "
+        f"{count(frames, 'frame')} ({number(last_s - first_s, 0)} s).",
+        f"{count(doubts.height, 'doubt')}, {count(gaps.height, 'gap')} of more than a second, "
+        f"{count(tracking.dropped.height, 'position')} dropped.",
+    ]
+    if tracked is not None:
+        offset = tracked.offset
+        answer.append(
+            f"The robots' clock is {number(offset.offset_s, 3, sign=True)} s ahead of the video's (standard error "
+            f"{number(1000 * offset.error_s, 1)} ms); {offset.pairs} of {count(offset.samples, 'sample')} match a "
+            f"stop, {tracked.outside + tracked.unseen} have no position."
+        )
+    return Report(
+        title=f"Tracking of {tracking.video.name}",
+        answer=tuple(answer),
+        parts={
+            "doubts": Table(doubts, "What is doubtful"),
+            "tracks": Figure(
+                partial(draw_tracks, tracking.positions, tracking.stops, markers.floor),
+                "Where robots were seen",
+            ),
+            "time_line": Figure(
+                partial(draw_time_line, robots, gaps, tracking.stops, tracking.span_s),
+                "When robots were seen",
+            ),
+            "robots": Table(pl.DataFrame(of_robots), "Robots"),
+            "floor_markers": Table(floor_errors(tracking), "Markers of the floor", folded=True),
+        },
+        setting=f"Camera {number(float(camera.position_m[2]), 2)} m above the floor, lens fitted to "
+        f"{'a chessboard' if camera.calibrated else 'the markers in the video'}; corners of the floor's markers met to "
+        f"{number(camera.floor_error_px, 2)} px.",
+        warnings=tuple(tracking.warnings()),
+    )
