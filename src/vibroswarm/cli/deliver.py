@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli import old_documents, terminal
+from vibroswarm.cli import terminal
 from vibroswarm.cli.options import Paged
 
 if TYPE_CHECKING:
@@ -30,12 +30,14 @@ def deliver(
         page: name of a page that is there already, in the place of the report's.
         is_result: whether the folder holds a result or recording, which has its own tables. options: of ``report``.
     """
-    report = old_documents.report_of(result, **options)
+    from vibroswarm.report.report import report
+
+    made = report(result, **options)
     try:
-        print_report(report, as_json=output.json)
+        print_report(made, as_json=output.json)
     finally:  # also if the reader, such as `head`, has enough
         if output.out is not None:
-            _save(report, output.out, output, tables or {}, page, is_result)
+            _save(made, output.out, output, tables or {}, page, is_result)
     if output.out is None:
         terminal.report("Not saved; add --out DIR to save tables, the data behind them, and a page")
         return
@@ -51,9 +53,6 @@ def _save(
 
     for name, table in tables.items():
         save_table(table, folder / name)
-    if old_documents.is_old(report):
-        old_documents.save(report, output, page)
-        return
     draws = page == "report.html" and not getattr(output, "no_pictures", False)
     save(report, folder, page=draws, tables=not is_result)
     if getattr(output, "pictures", False):
@@ -69,16 +68,15 @@ def open_page(page: Path) -> None:
 
 def print_report(result: object, *, as_json: bool = False, **options: Any) -> None:
     """Print the report of a result as wide as the terminal, or as JSON."""
+    from vibroswarm.report.report import report
     from vibroswarm.report.save import data
     from vibroswarm.report.terminal import show
 
-    report = old_documents.report_of(result, **options)
-    if old_documents.is_old(report):
-        old_documents.show(report, as_json)
-    elif as_json:
-        print(json.dumps(data(report), indent=1))
+    made = report(result, **options)
+    if as_json:
+        print(json.dumps(data(made), indent=1))
     else:
-        show(report, terminal.console())
+        show(made, terminal.console())
 
 
 def print_saved_file(path: Path | None, note: str = "", *, as_json: bool = False) -> None:
