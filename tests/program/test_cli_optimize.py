@@ -88,7 +88,7 @@ def test_a_search_is_made_kept_and_gone_on_with(
     with monkeypatch.context() as patched:  # what the page says may be said in its folder
         patched.chdir(out)
         for command in COMMANDS:
-            assert unbroken_options(command) in page.decode()
+            assert command in page.decode()
             assert main([*command.split()[1:], *(["--runs", "4"] if "evaluate" in command else [])]) == 0
         assert (out / "report.html").read_bytes() == page
     assert "--force" in refusal_of(capsys, "optimize", search, "--out", out, "--seed", "4")

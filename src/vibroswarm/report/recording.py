@@ -22,7 +22,7 @@ from vibroswarm.recordings.replay import (
 )
 from vibroswarm.recordings.threshold import Recommendation
 from vibroswarm.report.report import Report, Table, report
-from vibroswarm.run_page.write import record_of, write_page
+from vibroswarm.run_page.write import write_run_page
 from vibroswarm.scenario.scenario import Scenario
 
 UNKNOWN_THRESHOLD: Final = (
@@ -74,7 +74,7 @@ def write_pages(recording: Recording, folder: Path) -> list[str]:
     names = [f"run-{run + 1}.html" for run in range(recording.runs.height)]
     for run, name in enumerate(names):
         title = f"{recording.sessions[run]['log']}{'' if shown is recording else ' (beliefs replayed, not logged)'}"
-        write_page(record_of(shown, run, title=title), folder / name)
+        write_run_page(shown, folder / name, run, title=title)
     return names
 
 

@@ -131,6 +131,7 @@ def _robot_tables(result: Result, swarm: Verdict, run: int) -> Iterator[tuple[st
     opinion = holds_opinions(scenario)
     is_large = len(swarm.robots) > MOST_ROBOTS
     estimate = "opinion" if opinion else "estimate" if has_own_estimate(scenario) else "share of ones"
+    titles = {"posterior": estimate, "own_samples": "own", "messages_heard": "heard"}
     caption = "Confidence: belief in the own decision when it was made."
     if opinion:
         caption += " Opinion: robots counted conclusions of others as if they were readings."
@@ -139,7 +140,7 @@ def _robot_tables(result: Result, swarm: Verdict, run: int) -> Iterator[tuple[st
     frame = _with_faults(result, _robots(swarm), run)
     if is_large and "decision" in frame.columns:
         yield "decisions", Table(_by_decision(frame), "Decisions", "Means over robots.", {"robot": "robots"})
-    yield "each_robot", Table(frame, "Robots", caption, {"posterior": estimate}, folded=is_large)
+    yield "each_robot", Table(frame, "Robots", caption, titles, folded=is_large)
 
 
 def _robots(swarm: Verdict) -> pl.DataFrame:

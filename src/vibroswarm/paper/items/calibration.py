@@ -62,8 +62,7 @@ def compute(work: Work, made: Made) -> None:
     settings = work.settings
     assert settings.recordings is not None
     real, authors = (read_recordings(settings.recordings, names) for names in (REAL, AUTHORS))
-    sources: dict[str, Result] = {ROBOTS: real, SIMULATOR: authors}
-    comparisons: dict[str, Comparison] = {}
+    sources, comparisons = {ROBOTS: real, SIMULATOR: authors}, dict[str, Comparison]()
     rows: list[dict[str, Any]] = []
     for column in settings.columns:
         scenario = scenario_of(column, real_floor(), parameter_set=EMPIRICAL)
@@ -92,12 +91,13 @@ def _printed(feature: str) -> float:
 
 def _measure(made: Made, column: str, real: Result, simulated: Result) -> list[dict[str, Any]]:
     """Measure the claims about similarities; return the similarity of each feature with its limits over sets."""
-    sessions = by_session(real), by_session(seen_through(simulated, camera_between(real, simulated)))
+    real_sessions = by_session(real)
+    simulated_sessions = by_session(seen_through(simulated, camera_between(real, simulated)))
     (claim,) = (claim for claim in all_claims() if claim.id == "calibration-ours")
     rows = []
     for feature in FEATURES:
-        all_real, values = ([values_of(one, feature) for one in part] for part in sessions)
-        whole = np.concatenate(all_real)
+        whole = np.concatenate([values_of(session, feature) for session in real_sessions])
+        values = [values_of(session, feature) for session in simulated_sessions]
         sets = [np.concatenate(values[k : k + SESSIONS]) for k in range(0, len(values), SESSIONS)]
         counts = [min(len(whole), len(one)) for one in sets]
         null_of = {count: null_similarity(feature, whole, count) for count in set(counts)}
