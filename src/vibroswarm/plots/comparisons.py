@@ -77,7 +77,11 @@ def _bar(rows: Rows, row: int, values: dict[str, Any], seen: list[str], unit: st
         return
     left = 0.0
     for kind in seen:
-        looks = {"facecolor": OUTCOMES[kind], "edgecolor": INK, "hatch": OUTCOME_HATCHES[kind]}
+        looks: dict[str, Any] = {
+            "facecolor": OUTCOMES[kind],
+            "edgecolor": INK,
+            "hatch": OUTCOME_HATCHES[kind],
+        }
         rows.axes.barh(row, values[kind], rows.band, left=left, linewidth=0.6, zorder=2, **looks)
         left += values[kind]
     low, high = values["right_low"], values["right_high"]

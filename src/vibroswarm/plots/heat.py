@@ -199,7 +199,7 @@ def draw_density(
     figure = new_figure(sizes, title=title)
     axes = figure.add_subplot()
     axes.spines[:].set_visible(True)
-    looks = {"cmap": COLOUR_MAP, "vmin": 0, "vmax": highest or float(density.max())}
+    looks: dict[str, Any] = {"cmap": COLOUR_MAP, "vmin": 0, "vmax": highest or float(density.max())}
     mesh = axes.pcolormesh(x_edges, y_edges, density.T, rasterized=density.size > VECTORS_UP_TO, **looks)
     axes.set(xlim=limits[0], ylim=limits[1], aspect="equal", xlabel="x (m)", ylabel="y (m)")
     above = highest is not None and density.max() > highest
