@@ -64,11 +64,10 @@ def draw_certainty(
             axes.add_patch(outline)
     to_scale(figure, sizes, panels[:1], size_m[1] / size_m[0])
     row, column = (index.ravel() for index in np.indices(probability.shape))
-    numbers: dict[str, Any] = {"row": row, "column": column}
-    numbers |= {"probability": probability.ravel(), "standard_deviation": doubt.ravel()}
+    cells = {"probability": probability.ravel(), "standard_deviation": doubt.ravel()}
     caption = "Left: probability of damage. Right: its standard deviation, and the places of the samples."
     caption = f"{caption} Outlined: called patches." if marked_m else caption
-    return Picture(figure, pl.DataFrame(numbers), caption)
+    return Picture(figure, pl.DataFrame({"row": row, "column": column, **cells}), caption)
 
 
 def _image(axes: Any, values: NDArray[np.float64], size_m: tuple[float, float], most: float) -> Any:

@@ -104,7 +104,7 @@ def draw_along(
     """Draw estimates along a numeric axis; the arguments are those of ``draw_error_bars``, ``labels`` of x and y."""
     figure, axes = plain_axes(style, *labels, title=title)
     looks, varying = looks_of(series), [name for name in series if name not in constant]
-    span = 1.0 if log else float(np.ptp(frame["x"].to_numpy()))
+    span = 1.0 if log else float(np.ptp(frame["x"].drop_nulls().to_numpy()))
     for name, look in zip(series, looks, strict=True):
         part = frame.filter(series=name).sort("x")
         if name in constant:
