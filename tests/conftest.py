@@ -10,22 +10,18 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import polars as pl
 import pytest
 from hypothesis import settings
 from matplotlib.figure import Figure
 
-from helpers.page_records import make_record
 from vibroswarm.core.jit import is_cached
-from vibroswarm.run_page.payload import RunRecord
 
 pytest_plugins = [
     "helpers.numba_programs",
     "helpers.recordings",
     "helpers.browser",
-    "helpers.page_browser",
 ]
 
 # The settings of whoever runs the tests change nothing.
@@ -88,44 +84,13 @@ simulate(preset("paper").with_values({"run.t_end_s": 20.0}), 1, motion=sys.argv[
 """
 
 
-@pytest.fixture(scope="session")
-def record() -> RunRecord:
-    """Five robots, 240 s, half of the bits lost: three decide, two do not."""
-    made = make_record(seed=13, heard=0.5, min_observations=30)
-    assert made.robots["decision"].to_list() == [-1, 0, 0, -1, 0]
-    return made
-
-
 @pytest.fixture
-def svg_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Draw no PDF and no PNG, half of the time of a study's report: for tests that look at neither."""
-    from vibroswarm.plots import picture
-
-    whole = picture.picture_bytes
-
-    def drawn(figure: Any, kind: str, **how: int) -> bytes:
-        return whole(figure, kind, **how) if kind == "svg" else b"not drawn"
-
-    monkeypatch.setattr(picture, "picture_bytes", drawn)
-
-
-@pytest.fixture
-def empty_pictures(without_layout: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def empty_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures are made, with numbers and captions, and what is written of them is empty: for tests of all but them."""
     from vibroswarm.plots import picture
 
     empty = {"svg": picture.picture_bytes(Figure(figsize=(1, 1)), "svg")}
     monkeypatch.setattr(picture, "picture_bytes", lambda figure, kind, **how: empty.get(kind, b"not drawn"))
-
-
-@pytest.fixture
-def without_layout(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Axes stay where they are, half of the time of a picture: for tests that do not look at where words are."""
-
-    def left_alone(figure: Figure) -> None:
-        figure.stale = False  # so that it is not laid out when it is written either
-
-    monkeypatch.setattr("vibroswarm.plots.layout._place_axes", left_alone)
 
 
 @pytest.fixture

@@ -1,87 +1,65 @@
-"""The page in a real browser: it draws, plays, obeys, shows the tables' numbers, and asks for nothing."""
+"""The page of a run in a real browser: it draws, shows the tables' numbers, keeps names text, asks for nothing."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 
-from helpers.page_browser import BLANK, Open, latest, settled, state
-from vibroswarm.run_page.payload import RunRecord
+from helpers.browser import Tabs
+from vibroswarm import preset, simulate
+from vibroswarm.result import Result
+from vibroswarm.run_page.write import write_run_page
+
+BLANK = """(id) => {
+  const canvas = document.getElementById(id);
+  const copy = document.createElement("canvas");
+  [copy.width, copy.height] = [canvas.width, canvas.height];
+  const context = copy.getContext("2d", { willReadFrequently: true });
+  context.drawImage(canvas, 0, 0);
+  const seen = new Set(new Uint32Array(context.getImageData(0, 0, copy.width, copy.height).data.buffer));
+  return seen.size < 3;
+}"""
+NAME = "</script><img src=x onerror=alert(1)><b>"
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return simulate(preset("paper").with_values({"run.t_end_s": 240.0}), seed=13, poses=True)
+
+
+def check_mind(page: Any, result: Result, robot: int, time_s: float) -> None:
+    samples = result.motion.join(result.inference, on=["run", "robot", "sample"])
+    row = samples.filter(pl.col("time_s") <= time_s, robot=robot).sort("sample").to_dicts()[-1]
+    mind = page.evaluate("([id, t]) => vibroswarm.mind(id, t)", [robot, time_s])
+    columns = {"belief": "belief_below", "received": "messages_received"}
+    assert all(mind[name] == row[columns.get(name, name)] for name in ("alpha", "beta", "decision", *columns))
+
+
+def check_pose(page: Any, row: dict[str, Any]) -> None:
+    pose = page.evaluate("([id, t]) => vibroswarm.pose(id, t)", [row["robot"], row["time_s"] - 0.5])
+    assert np.hypot(pose["x"] - row["x_m"], pose["y"] - row["y_m"]) < 0.001
+    assert abs(np.angle(np.exp(1j * (pose["heading"] - row["heading_rad"])))) < np.radians(1)
+    assert pose["kind"] == "stop"
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_it_draws(open_page: Open, scheme: str) -> None:
-    page = open_page("#t=100", color_scheme=scheme)
-    assert state(page)["theme"] == scheme
+def test_a_run_in_the_browser(result: Result, tabs: Tabs, tmp_path: Path, scheme: str) -> None:
+    path = tmp_path / "run.html"
+    write_run_page(result, path, title=NAME)
+    page = tabs.open(path.as_uri() + "#t=100", viewport={"width": 1280, "height": 800}, color_scheme=scheme)
+    page.evaluate("document.fonts.ready.then(() => null)")
+    assert page.evaluate("vibroswarm.state()")["theme"] == scheme
     for canvas in ("floor", "past", "actors", "belief"):
         assert not page.evaluate(BLANK, canvas), canvas
-    assert page.locator(".card canvas").count() == 5
-    assert page.evaluate("document.querySelector('h1, h2').tagName") == "H1"
-    colour = "getComputedStyle(document.body).backgroundColor"
-    before = page.evaluate(colour)
-    page.click("#theme")
-    assert settled(page)["theme"] == {"light": "dark", "dark": "light"}[scheme]
-    assert page.evaluate(colour) != before
-
-
-def test_numbers_of_now_are_those_of_the_tables(open_page: Open, record: RunRecord) -> None:
-    page = open_page()
-    of_a_sample_s = record.motion["time_s"][10]
-    for time_s in (of_a_sample_s, 45.0, 101.37, 240.0):
-        page.evaluate("(t) => vibroswarm.seek(t)", time_s)
-        check_numbers(page, record, time_s)
-
-
-def check_numbers(page: Any, record: RunRecord, time_s: float) -> None:
-    decided = 0
-    for index, robot in enumerate(record.robots["robot"]):
-        row = latest(record, robot, time_s)
-        mind = page.evaluate("([id, t]) => vibroswarm.mind(id, t)", [robot, time_s])
-        assert {name: mind[name] for name in ("alpha", "beta", "belief", "decision", "received")} == {
-            "alpha": row["alpha"], "beta": row["beta"], "belief": row["belief_below"], "decision": row["decision"],
-            "received": row["messages_received"],
-        }  # fmt: skip
-        card = page.locator(".card").nth(index)
-        assert card.locator(".card-alpha").text_content() == str(row["alpha"])
-        assert card.locator(".card-beta").text_content() == str(row["beta"])
-        assert card.locator(".card-p").text_content() == _said(row["belief_below"])
-        decided += row["decision"] >= 0
-    assert page.text_content("#now-decided") == str(decided)
-
-
-def test_robots_are_where_the_tables_say(open_page: Open, record: RunRecord) -> None:
-    page = open_page()
-    for row in record.motion.sample(60, seed=1).to_dicts():
-        pose = page.evaluate("([id, t]) => vibroswarm.pose(id, t)", [row["robot"], row["time_s"] - 0.5])
-        assert np.hypot(pose["x"] - row["x_m"], pose["y"] - row["y_m"]) < 0.001
-        assert abs(np.angle(np.exp(1j * (pose["heading"] - row["heading_rad"])))) < np.radians(3)
-        assert pose["kind"] == "stop"
-
-
-def test_names_stay_text(open_page: Open, record: RunRecord) -> None:
-    name = "</script><img src=x onerror=alert(1)><b>"
-    page = open_page("#t=10", of=replace(record, title=name, details={name: name}))
-    assert page.title() == name
-    assert page.inner_text("#run-name") == name
-    assert page.locator("img").count() == 0
-
-
-def test_nothing_runs_over_the_side(open_page: Open) -> None:
-    page = open_page("#t=100")
-    for width, height in ((390, 844), (320, 640), (820, 1180), (1024, 700), (1600, 1000)):
-        page.set_viewport_size({"width": width, "height": height})
-        settled(page)
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-        arena = page.locator("#arena-frame").bounding_box()
-        story = page.locator(".figures").bounding_box()
-        assert arena["width"] >= 280
-        assert arena["x"] + arena["width"] < story["x"] or arena["y"] + arena["height"] < story["y"]
-
-
-def _said(belief: float) -> str:
-    if belief > 0.9995:
-        return "> 0.999"
-    return "< 0.001" if belief < 0.0005 else f"{belief:.3f}"
+    assert page.title() == page.inner_text("#run-name") == NAME
+    for robot in range(5):
+        check_mind(page, result, robot, 101.37)
+    for row in result.motion.filter(pl.col("time_s") < 240.0).sample(20, seed=1).to_dicts():
+        check_pose(page, row)
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert tabs.emptied() == []

@@ -13,8 +13,6 @@ from vibroswarm.paper.item import Settings
 from vibroswarm.paper.items import items_named
 from vibroswarm.paper.reproduce import reproduce
 
-pytestmark = pytest.mark.usefixtures("without_layout")
-
 RUNS = 40
 NAMES = ["difficulty", "fill_ratios"]
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.numbers import (
     Estimate,
     count,
@@ -37,7 +38,8 @@ from vibroswarm.recordings.replay import (
     with_beliefs,
 )
 from vibroswarm.recordings.threshold import Recommendation, Threshold
-from vibroswarm.run_page.write import record_of, write_page
+from vibroswarm.run_page.payload import payload
+from vibroswarm.run_page.write import page_html
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Document, Section, Table, Text, if_any
@@ -534,8 +536,8 @@ def write_pages(recording: Recording, folder: Path) -> list[str]:
         name = "run" if len(runs) == 1 else f"run-{run + 1}"
         write_run_picture(recording, folder / f"{name}.png", run)
         title = str(recording.sessions[run]["log"]) + ("" if logged else replayed)
-        page = record_of(with_replayed, run, title=title)
-        rule = page.rule if has_gate else {**page.rule, "gated": False}
-        write_page(replace(page, rule=rule), folder / f"{name}.html")
+        data = payload(with_replayed, run, title=title)
+        data["rule"]["gated"] &= has_gate
+        write_file(folder / f"{name}.html", page_html(data))
         names.append(f"{name}.html")
     return names

@@ -6,8 +6,8 @@ a caption. matplotlib is imported when something is drawn.
 
 from __future__ import annotations
 
-from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
-from vibroswarm.plots.curves import draw_belief, draw_detection, draw_incidence
+from vibroswarm.plots.comparisons import draw_outcomes
+from vibroswarm.plots.curves import draw_detection, draw_incidence
 from vibroswarm.plots.distributions import draw_boxes
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
@@ -20,12 +20,10 @@ from vibroswarm.plots.spectrum import draw_spectrum
 
 __all__ = [
     "Picture",
-    "draw_belief",
     "draw_boxes",
     "draw_density",
     "draw_detection",
     "draw_error_bars",
-    "draw_forest",
     "draw_front",
     "draw_heat",
     "draw_incidence",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import product
 from typing import Any, Final
 
@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.plots.layout import few_ticks, new_figure, panels_of, to_scale
+from vibroswarm.plots.layout import few_ticks, new_figure, to_scale
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import COLOUR_MAP, INK, PAPER, style_named
 
@@ -73,39 +73,3 @@ def draw_certainty(
 def _image(axes: Any, values: NDArray[np.float64], size_m: tuple[float, float], most: float) -> Any:
     extent = (0.0, size_m[0], 0.0, size_m[1])
     return axes.imshow(values, cmap=COLOUR_MAP, vmin=0.0, vmax=most, extent=extent, interpolation="nearest")
-
-
-@drawn
-def draw_rasters(
-    panels: Mapping[str, NDArray[np.float64]],
-    size_m: tuple[float, float],
-    *,
-    title: str = "",
-    style: str = "column",
-) -> Picture:
-    """Draw maps of probability side by side, with one scale.
-
-    Args:
-        panels: the probability of each cell, (rows, columns), top row first, by the words above it.
-        size_m: width and height of the surface. title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``panel, row, column, probability``.
-    """
-    sizes = style_named(style)
-    figure = new_figure(sizes, title=title)
-    grid = panels_of(figure, len(panels), MOST_ACROSS)
-    image: Any = None
-    for axes, (words, values) in zip(grid, panels.items(), strict=True):
-        image = _image(axes, values, size_m, 1.0)
-        axes.set(xticks=[], yticks=[])
-        axes.set_title(words, fontsize="small")
-    figure.colorbar(image, ax=figure.axes, location="bottom", shrink=0.6, pad=0.03, label="probability")
-    to_scale(figure, sizes, grid[::MOST_ACROSS], size_m[1] / size_m[0])
-    numbers = [
-        pl.DataFrame({"row": row.ravel(), "column": column.ravel(), "probability": values.ravel()}).select(
-            pl.lit(words).alias("panel"), pl.all()
-        )
-        for words, values in panels.items()
-        for row, column in [np.indices(values.shape)]
-    ]
-    return Picture(figure, pl.concat(numbers), "Probability of damage.")

@@ -1,4 +1,4 @@
-"""Comparisons of cells: forest pictures of paired differences, and bars of outcomes.
+"""Bars of outcomes.
 
 The outcomes of runs are right, wrong (all robots decided right, or all wrong), split (robots decided differently),
 incomplete (a robot is undecided) and truth undefined (all robots made the same decision, but none is right on this
@@ -11,11 +11,10 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.plots.inputs import run_counts, tidy
+from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import (
     Rows,
     legend_below,
-    number,
     of_runs,
     patch_handle,
     percent_axis,
@@ -23,68 +22,7 @@ from vibroswarm.plots.layout import (
     share,
 )
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, INK, OUTCOME_HATCHES, OUTCOMES, SERIES, Look, style_named
-
-COUNTED = ("wins", "ties", "losses")
-
-
-@drawn
-def draw_forest(
-    frame: pl.DataFrame,
-    *,
-    label: str = "difference of decision time (s)",
-    interval: str = "95 % interval",
-    better: str | None = None,
-    title: str = "",
-    style: str = "column",
-) -> Picture:
-    """Draw one row per comparison: the difference, its interval, and counts of wins, ties and losses.
-
-    Marks are full if the interval is known and excludes 0, else open. The counts are written if any row has ``wins``.
-
-    Args:
-        frame: one row per comparison with the columns ``comparison`` (text) and ``difference, low, high`` (null: no
-            value), and if known ``wins, ties, losses`` (counts of pairs) and ``runs`` (number of pairs).
-        label: of the axis, with its unit. interval: what low and high are, for the caption.
-        better: which differences are better, "low" or "high"; an arrow marks that side. None: no arrow.
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are the columns named above.
-    Raises:
-        InputError: the frame is not as described.
-    """
-    frame = tidy(
-        frame, texts=("comparison",), numbers=("difference", "low", "high"), optional=(*COUNTED, "runs")
-    )
-    rows = rows_of(style_named(style), frame["comparison"].to_list(), label, title=title)
-    with_counts = frame["wins"].is_not_null().any()
-    for row, values in enumerate(frame.to_dicts()):
-        low, high = values["low"], values["high"]
-        is_open = low is None or high is None or low <= 0 <= high
-        rows.estimate(
-            row, (values["difference"], low, high), Look(SERIES[0], "D", (0, ()), "", is_open), color=INK
-        )
-        if with_counts:
-            rows.note(row, " / ".join(number(values[name], digits=7) for name in COUNTED))
-    rows.axes.axvline(0, color=INK, zorder=1)
-    rows.axes.margins(x=0.06)
-    if better:
-        rows.axes.annotate(
-            "← better" if better == "low" else "better →", (0, 1), xycoords=("data", "axes fraction"), va="bottom",
-            ha="right" if better == "low" else "left", fontsize="small", color=FAINT, annotation_clip=False,
-        )  # fmt: skip
-    if with_counts:
-        rows.heading("wins / ties / losses")
-    runs = run_counts(frame)
-    caption = (
-        f"{label}, paired by run. Mark: mean difference, full where the interval does not hold 0; line: {interval}"
-        + (f" over {of_runs(runs, 'pair')}" if runs else "")
-        + "."
-        + (" At the right: pairs won, tied and lost." if with_counts else "")
-    )
-    return Picture(
-        rows.figure, frame.select("comparison", "difference", "low", "high", *COUNTED, "runs"), caption
-    )
+from vibroswarm.plots.style import INK, OUTCOME_HATCHES, OUTCOMES, Look, style_named
 
 
 @drawn

@@ -1,28 +1,21 @@
-"""Curves: cumulative incidence, belief over time, detection.
+"""Curves: cumulative incidence, detection.
 
 * Cumulative incidence: right decisions rise from the middle line, wrong ones fall from it; the rest is undecided.
-* Belief over time: quantiles over robots or runs as nested bands, with the decision thresholds.
 * Detection: probability of missing a floor (no right consensus by the horizon) over its fill ratio, for each horizon or
   number of robots.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from typing import Any
 
 import polars as pl
 
-from vibroswarm.core.numbers import percent as percent_of
 from vibroswarm.core.numbers import stated_percent
-from vibroswarm.errors import InputError
 from vibroswarm.plots.error_bars import draw_along, series_handle
 from vibroswarm.plots.inputs import most, run_counts, tidy, with_series
 from vibroswarm.plots.layout import (
-    few_ticks,
     legend_below,
-    new_figure,
     number,
     of_runs,
     percent_axis,
@@ -30,7 +23,7 @@ from vibroswarm.plots.layout import (
     share,
 )
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, INK, OUTCOMES, SERIES, Look, looks_of, style_named
+from vibroswarm.plots.style import FAINT, INK, OUTCOMES, Look, looks_of, style_named
 
 STEPS_UP_TO = 1000
 """Rows of a curve; more are thinned evenly, with the first and the last kept."""
@@ -118,91 +111,6 @@ def _incidence(axes: Any, part: pl.DataFrame, look: Look | None, end: float) -> 
         if None not in (*low, *high):
             axes.fill_between(times, low, high, step="post", color=colour, alpha=0.18, linewidth=0)
         axes.step(times, middle, where="post", color=colour, zorder=3, linestyle=look.line if look else line)
-
-
-@drawn
-def draw_belief(
-    frame: pl.DataFrame,
-    *,
-    label: str = "belief",
-    thresholds: Sequence[float] = (0.95, 0.05),
-    boundary: float | None = 0.5,
-    runs: int | None = None,
-    unit: str = "run",
-    title: str = "",
-    style: str = "column",
-) -> Picture:
-    """Draw quantiles over time, one panel per series: bands from pairs of quantiles, a line for the median.
-
-    Args:
-        frame: one row per time with the column ``time_s``, columns of quantiles, and for several panels ``series``
-            (text). A quantile is named by its percentage in two digits, ``q05, q25, q50, q75, q95``, or with a decimal
-            as a third digit: ``q025`` is 2.5 %. ``q50`` is required; every other quantile needs its partner on the
-            other side of the median.
-        label: of the values. thresholds: levels at which robots decide, drawn dashed.
-        boundary: one more level, drawn dotted; None: no such line.
-        runs: number of runs, for the caption. unit: what the quantiles are taken over, "run" or "robot".
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``series, time_s`` and the quantiles, at the times that are drawn.
-    Raises:
-        InputError: the frame is not as described.
-    """
-    sizes = style_named(style)
-    names = sorted((name for name in frame.columns if re.fullmatch(r"q\d{2,3}", name)), key=_level_of)
-    if "q50" not in names:
-        raise InputError("the frame has no median; name it q50", field="q50")
-    frame, series = with_series(tidy(frame, numbers=("time_s", *names)))
-    pairs = list(zip(names, reversed(names), strict=True))[: len(names) // 2]
-    height_in = sizes.height_in * (0.62 if len(series) > 1 else 0.8) * len(series) + 3 * sizes.font_pt / 72
-    figure = new_figure(sizes, height_in=height_in, title=title)
-    panels = figure.subplots(len(series), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    parts = [thinned(frame.filter(series=name).sort("time_s")) for name in series]
-    for axes, part, name in zip(panels, parts, series, strict=True):
-        _belief(
-            axes,
-            part,
-            pairs,
-            [(level, "--") for level in thresholds] + [(boundary, ":")] * (boundary is not None),
-        )
-        axes.set_ylabel(label)
-        axes.set_title(name, fontsize="small", loc="left")
-    panels[-1].set_xlabel("time (s)")
-    panels[0].set_xlim(0, most(frame["time_s"]) or 1.0)
-    panels[0].set_ylim(-0.02, 1.02)
-    few_ticks(panels[-1].xaxis, sizes)
-    bands = " and ".join(f"{_percent(low)} to {_percent(high)}" for low, high in pairs)
-    caption = (
-        f"{label} over time{': ' + of_runs([runs], 'run') if runs else ''}. Line: median"
-        + (f"; bands: {bands} of the {unit}s" if bands else "")
-        + (f"; dashed: {' and '.join(number(level) for level in thresholds)}" if thresholds else "")
-        + (f"; dotted: {number(boundary)}" if boundary is not None else "")
-    )
-    return Picture(figure, pl.concat(parts).select("series", "time_s", *names), f"{caption}.")
-
-
-def _level_of(name: str) -> float:
-    return int(name[1:]) / 10.0 ** len(name[1:])
-
-
-def _percent(name: str) -> str:
-    return percent_of(_level_of(name), None, digits=6)
-
-
-def _belief(
-    axes: Any, part: pl.DataFrame, pairs: list[tuple[str, str]], levels: Sequence[tuple[Any, str]]
-) -> None:
-    """Draw bands between pairs of quantiles, the outermost first, the median, and lines at levels."""
-    times = part["time_s"].to_numpy()
-    for depth, (low, high) in enumerate(pairs):
-        alpha = 0.2 + 0.25 * depth / max(len(pairs) - 1, 1)
-        axes.fill_between(
-            times, part[low].to_numpy(), part[high].to_numpy(), color=SERIES[5], linewidth=0, alpha=alpha
-        )
-    axes.plot(times, part["q50"].to_numpy(), color=SERIES[0], marker="o" if part.height < 2 else "", zorder=3)
-    for level, line in levels:
-        axes.axhline(level, color=INK if line == "--" else FAINT, linewidth=0.7, linestyle=line, zorder=2)
-    axes.set_yticks([0, 0.5, 1])
 
 
 @drawn

@@ -68,13 +68,9 @@ def draw_front(
     handles = [_points(axes, part, look) for part, look in zip(parts, looks, strict=True)]
     numbers = pl.concat(parts)
     known = numbers.drop_nulls(["time", "error"])
-    for named in (known, known.filter("front")):
-        if not series and named.height <= NAMED_UP_TO:
-            for name, time, error in named.select("name", "time", "error").iter_rows():
-                axes.annotate(
-                    name, (time, error), xytext=(3, 3), textcoords="offset points", fontsize="small"
-                )
-            break
+    named = known if known.height <= NAMED_UP_TO else known.filter("front")
+    for name, time, error in () if series else named.select("name", "time", "error").iter_rows():
+        axes.annotate(name, (time, error), xytext=(3, 3), textcoords="offset points", fontsize="small")
     legend_below(figure, sizes, handles, names)
     runs, lost = run_counts(frame), numbers.height - known.height
     shown = count(known.height, "choice") + (f", {of_runs(runs)}" if runs else "")

@@ -30,7 +30,6 @@ def draw_heat(
     y_label: str = "y",
     label: str = "value",
     best: str | None = None,
-    best_within: float = 0.0,
     digits: int = 3,
     percent: bool = False,
     title: str = "",
@@ -43,7 +42,6 @@ def draw_heat(
             appearance), ``value`` (null: no value), and if known ``runs``. Cells without value or row are hatched.
         x_label, y_label, label: of x, y and the value, with their units.
         best: which value is best, "low" or "high": cells with this value are outlined. None: no cell is.
-        best_within: also outline cells whose values are at most this far from the best.
         digits: significant digits of the numbers in the cells. percent: whether values are shares.
         title: above the picture. style: "column", "page" or "slide".
 
@@ -57,7 +55,7 @@ def draw_heat(
     grid = np.full((len(ys), len(xs)), np.nan)
     for x, y, value in frame.select("x", "y", "value").iter_rows():
         grid[ys.index(y), xs.index(x)] = np.nan if value is None else value
-    chosen = best_cells(grid, best, best_within)
+    chosen = best_cells(grid, best)
     height_in = max(sizes.height_in, sizes.height_in * 0.45 + len(ys) * sizes.row_in)
     figure = new_figure(sizes, height_in=height_in, title=title)
     axes = figure.add_subplot()
@@ -80,10 +78,9 @@ def draw_heat(
         best=pl.Series([bool(chosen[p]) for p in places])
     )
     runs, missing = run_counts(frame), int(np.isnan(grid).sum())
-    within = f" and all within {number(best_within)} of it" if best_within else ""
     caption = (
         f"{label} over {x_label} and {y_label}{', ' + of_runs(runs) if runs else ''}."
-        + (f" Outlined: the {'lowest' if best == 'low' else 'highest'}{within}." if chosen.any() else "")
+        + (f" Outlined: the {'lowest' if best == 'low' else 'highest'}." if chosen.any() else "")
         + (
             f" Hatched: {missing} of {grid.size} cells {verb(missing, 'have', 'has')} no value."
             if missing
@@ -100,12 +97,11 @@ def _order(column: pl.Series) -> list[Any]:
     ).to_list()
 
 
-def best_cells(grid: NDArray[np.float64], best: str | None, within: float) -> NDArray[np.bool_]:
-    """Return which cells of ``grid`` differ from the best ("low", "high" or None) by at most ``within``."""
+def best_cells(grid: NDArray[np.float64], best: str | None) -> NDArray[np.bool_]:
+    """Return which cells of ``grid`` have the best value: "low", "high", or None."""
     if best is None or np.isnan(grid).all():
         return np.zeros(grid.shape, dtype=bool)
-    signed = grid if best == "low" else -grid
-    chosen: NDArray[np.bool_] = signed <= np.nanmin(signed) + within
+    chosen: NDArray[np.bool_] = grid == (np.nanmin(grid) if best == "low" else np.nanmax(grid))
     return chosen
 
 

@@ -27,12 +27,8 @@ MOST_PANELS: Final = 6
 """Most values that are drawn, the first ones."""
 ACROSS: Final = 2
 """Panels side by side."""
-MOST_LINES: Final = 20
-"""Most robots with a line of their own; of more, the quartiles are drawn."""
 LARGEST: Final = 1e300
 """Values below this are drawn; the axes of larger ones would overflow."""
-POINTS: Final = 121
-"""Times at which quartiles are drawn."""
 
 
 def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> Picture:
@@ -92,8 +88,7 @@ def draw_reports(
         few_ticks(axes.xaxis, sizes)
         axes.set_xlabel("time (s)")
     robots = frame["robot"].n_unique()
-    caption = f"What {count(robots, 'robot')} reported, "
-    caption += "each line a robot" if robots <= MOST_LINES else "median and quartiles of the robots"
+    caption = f"What {count(robots, 'robot')} reported, each line a robot"
     if len(names) < len(every_name):
         caption += f"; the first {len(names)} of {len(every_name)} values"
     if steps and set(names) & set(estimates):
@@ -104,28 +99,7 @@ def draw_reports(
 
 
 def _draw_panel(axes: Any, rows: pl.DataFrame, line_pt: float) -> None:
-    """Draw the steps of each robot's value, or quartiles if there are many robots."""
-    steps = {
-        robot: (of_robot["time_s"].to_numpy(), of_robot["value"].to_numpy())
-        for (robot,), of_robot in rows.sort("robot", "time_s").group_by("robot", maintain_order=True)
-    }
-    if len(steps) <= MOST_LINES:
-        for k, (time_s, value) in enumerate(steps.values()):
-            axes.plot(
-                time_s,
-                value,
-                drawstyle="steps-post",
-                lw=line_pt * 0.7,
-                color=SERIES[k % len(SERIES)],
-                ls=LINES[k % len(LINES)],
-            )
-        return
-    at_s = np.linspace(0.0, float(rows["time_s"].max()), POINTS)  # type: ignore[arg-type]
-    last = np.full((len(steps), POINTS), np.nan)
-    for row, (time_s, value) in zip(last, steps.values(), strict=True):
-        index = np.searchsorted(time_s, at_s, side="right") - 1
-        row[:] = np.where(index >= 0, value[np.maximum(index, 0)], np.nan)
-    known = ~np.isnan(last).all(axis=0)  # at other times no robot has reported
-    low, middle, high = np.nanquantile(last[:, known], (0.25, 0.5, 0.75), axis=0)
-    axes.fill_between(at_s[known], low, high, color=SERIES[0], alpha=0.3, lw=0)
-    axes.plot(at_s[known], middle, color=SERIES[0], lw=line_pt)
+    """Draw the steps of each robot's value."""
+    for k, own in enumerate(rows.sort("robot", "time_s").partition_by("robot", maintain_order=True)):
+        looks = {"color": SERIES[k % len(SERIES)], "ls": LINES[k % len(LINES)], "lw": line_pt * 0.7}
+        axes.plot(own["time_s"].to_numpy(), own["value"].to_numpy(), drawstyle="steps-post", **looks)

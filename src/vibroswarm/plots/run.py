@@ -6,7 +6,6 @@ robots together, and the map of each robot by itself.
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,14 +13,24 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.numbers import count, first_of, number
+from vibroswarm.core.numbers import count, number
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.surfaces import Patch
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.observe import kinds_at
 from vibroswarm.plots.layout import panels_of
 from vibroswarm.plots.picture import Picture, drawn, save_figure
-from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, RUN, kind_colours, kind_hatch
+from vibroswarm.plots.style import (
+    COLOUR_MAP,
+    FAINT,
+    INK,
+    LINE,
+    ON_DARK,
+    PAPER,
+    RUN,
+    SERIES,
+    kind_colours,
+    kind_hatch,
+)
 from vibroswarm.result import Result
 from vibroswarm.statistics.verdict import answers_of, estimates_in_words, verdict
 
@@ -29,64 +38,24 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-VIBRATING: Final = RUN["vibrating"]
-"""Colour of vibrating tiles in a picture of a floor or of maps."""
-STILL: Final = RUN["tile-still"]
-"""Colour of still tiles in these pictures."""
-
-_LINES_UP_TO: Final = 60
-"""Most tiles per side that have lines between them; with more tiles, the lines would hide them."""
-_VECTORS_UP_TO: Final = 10_000
-"""Most tiles that are drawn as vectors in SVG and PDF; more are drawn as an image."""
-
 
 def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
-    """Draw a floor as a matplotlib figure; vibrating tiles are dark, still ones light, and row 0 is at the top.
+    """Draw a floor as a matplotlib figure; all but still tiles are hatched, and row 0 is at the top.
 
     Args:
-        tiles: (rows, columns) of kinds: 0 (still), 1 (vibrating) and others.
-        title: above the floor.
+        tiles: (rows, columns) of kinds: 0 (still), 1 (vibrating) and others. title: above the floor.
     """
-    from matplotlib import rc_context
-    from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
 
     rows, columns = tiles.shape
-    more = range(2, int(tiles.max()) + 1)  # kinds beside still and vibrating
-    words = [
-        ("still", STILL, ""),
-        ("vibrating", VIBRATING, ""),
-        *((f"kind {kind}", kind_colours(kind)[1], kind_hatch(kind)) for kind in more),
-    ]
-    longer = max(rows, columns)
-    width, height = 5.0 * columns / longer, 5.0 * rows / longer  # of the floor, inches
-    # at least 3 in wide, for the legend; the margins, the title and the legend get 0.8 in and 1.2 in
-    figure = Figure(figsize=(max(width, 3.0) + 0.8, height + 1.2), layout="constrained")
+    inches = 5.0 / max(rows, columns)
+    figure = Figure(figsize=(max(columns * inches, 3.0) + 0.8, rows * inches + 1.2), layout="constrained")
     axes = figure.add_subplot()
-    axes.pcolormesh(
-        tiles,
-        cmap=ListedColormap([colour for _, colour, _ in words]),
-        vmin=0,
-        vmax=len(words) - 1,
-        edgecolors="#8a8578" if longer <= _LINES_UP_TO else "none",
-        linewidth=0.4,
-        rasterized=tiles.size > _VECTORS_UP_TO,
-    )
-    with rc_context({"hatch.color": STILL}):  # light lines, which tell dark kinds apart in grey
-        for kind in more if longer <= _LINES_UP_TO else ():
-            own = ListedColormap([kind_colours(kind)[1]])
-            tiles_of_kind = np.ma.array(tiles, mask=tiles != kind)
-            axes.pcolor(tiles_of_kind, cmap=own, edgecolors=STILL, linewidth=0, hatch=kind_hatch(kind))
-        marks = [
-            Patch(facecolor=colour, edgecolor="#8a8578", label=label, hatch=hatch)
-            for label, colour, hatch in [*words[1::-1], *words[2:]]
-        ]
-    axes.set(aspect="equal", xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[])
-    axes.spines[:].set_visible(True)  # the edges of the floor
-    if title:
-        axes.set_title(title, fontsize=10, parse_math=False)  # a file name may contain a dollar
-    figure.legend(handles=marks, loc="outside lower center", ncols=min(len(words), 4), frameon=False)
+    kinds = range(2, int(tiles.max()) + 1)
+    labels = {0: "still", 1: "vibrating"} | {kind: f"kind {kind}" for kind in kinds}
+    _draw_floor(axes, Floor(tiles, 1.0, 1.0, 0.0, 0.0, title), labels)
+    axes.set(aspect="equal", xlim=(0, columns), ylim=(0, rows), xticks=[], yticks=[], title=title)
+    figure.legend(loc="outside lower center", ncols=4)
     return figure
 
 
@@ -133,48 +102,24 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     scenario = result.scenario
     width, height = scenario.arena.width_m, scenario.arena.height_m
     scale = 6.4 / max(width, height)  # inches per metre
-    # Neither side of the arena gets less than 2.4 in, so that title and legend have room also with a narrow arena.
-    # Labels add 0.4 in to the width; title, labels and legend add 1.2 in to the height, more with many kinds.
-    floor, end_s = result.floor(run), result.runs.filter(run=run)["end_s"][0]
-    small = _small_floors(floor, end_s)
-    figure = Figure(
-        figsize=(
-            max(width * scale, 2.4) + 0.4,
-            max(height * scale, 2.4) + (2.8 if small else 1.2) + 0.1 * max(scenario.sensor.kinds - 3, 0),
-        ),
-        layout="constrained",
-    )
-    grid = figure.add_gridspec(1 + bool(small), max(len(small), 1), height_ratios=[4, 1][: 1 + bool(small)])
-    axes = figure.add_subplot(grid[0, :])
-    axes.spines[:].set_visible(True)  # the walls
-    _draw_floor(
-        axes,
-        floor.at(end_s),
-        _words_of_kinds(result, "tile vibrates", "tile is still", "tile of kind {kind}"),
-    )
-    for k, (since_s, stage) in enumerate(small):
-        below = figure.add_subplot(grid[1, k])
-        _draw_floor(below, stage, {})
-        below.set(xlim=(0, width), ylim=(0, height), aspect="equal", xticks=[], yticks=[])
-        below.set_title(f"from {number(since_s, digits=4)} s", fontsize=7.5)
+    size_in = max(width * scale, 2.4) + 0.4, max(height * scale, 2.4) + 1.2 + 0.1 * scenario.sensor.kinds
+    figure = Figure(figsize=size_in, layout="constrained")
+    axes = figure.add_subplot()
+    floor = result.floor(run).at(result.runs.filter(run=run)["end_s"][0])
+    _draw_floor(axes, floor, _words_of_kinds(result, "tile vibrates", "tile is still", "tile of kind {kind}"))
     _draw_paths(axes, result, run)
     _draw_samples(axes, result, run)
     _draw_robots(axes, result, run)
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x (m)", ylabel="y (m)")
     origin = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
-    fill_ratio = floor.at(end_s).fill_ratio_within(width, height)
+    fill_ratio = number(floor.fill_ratio_within(width, height), digits=3)
     share = "fill ratio" if scenario.sensor.kinds == 2 else "share of kind 1:"
     # A dollar in a name does not begin a formula. It is escaped, since matplotlib ignores parse_math=False in a title
     # that it wraps.
     floor_name = floor.name.replace("$", r"\$")
-    axes.set_title(
-        f"{count(scenario.swarm.robots, 'robot')}, {floor_name}, {share} {number(fill_ratio, digits=3)}"
-        f"{' at the end' if small else ''}, "
-        f"{scenario.strategy.name}, {origin}: {_outcome_in_words(result, run)}",
-        fontsize=9,
-        wrap=True,
-    )
-    figure.legend(loc="outside lower center", ncols=4, fontsize=7.5, frameon=False)
+    title = f"{count(scenario.swarm.robots, 'robot')}, {floor_name}, {share} {fill_ratio}, {scenario.strategy.name}"
+    axes.set_title(f"{title}, {origin}: {_outcome_in_words(result, run)}", wrap=True)
+    figure.legend(loc="outside lower center", ncols=4)
     return figure
 
 
@@ -186,22 +131,6 @@ def _outcome_in_words(result: Result, run: int) -> str:
     return (found.consensus or "decisions not logged").replace("_", " ")
 
 
-MOST_SMALL: Final = 4
-"""Most small pictures of a floor that changes."""
-
-
-def _small_floors(floor: Floor, end_s: float) -> list[tuple[float, Floor]]:
-    """Return the floor at up to ``MOST_SMALL`` of its changes, evenly chosen; none if it does not change.
-
-    Returns: the time from which it is so, s, and the floor, which stays as it is.
-    """
-    if not floor.is_changing:
-        return []
-    stages = [stage for stage in floor.stages() if stage[0] <= end_s]
-    chosen = np.unique(np.linspace(0, len(stages) - 1, MOST_SMALL).round().astype(int)).tolist()
-    return [stages[k] for k in chosen]
-
-
 def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
     """Draw the tiles of a floor, all but still ones hatched by their kind, and the outline of the floor.
 
@@ -209,50 +138,37 @@ def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
         floor: does not change. labels: label of each kind of tile in the legend, of those that have one.
     """
     from matplotlib import rc_context
-    from matplotlib.patches import Rectangle
-
-    rows, columns, tile_w, tile_h, left, bottom = floor.geometry
-    # The first tile of each kind takes the label, so that the legend has each label once.
-    labels = {} if floor.has_contrasts else dict(labels)
-    for kind in np.unique(floor.tiles).tolist():
-        lines = {0: LINE, VIBRATES: RUN["ripple"]}.get(kind, RUN["trail"])
-        looks: dict[str, Any] = {
-            "facecolor": kind_colours(kind)[0], "edgecolor": lines, "lw": 0 if kind else 0.4, "hatch": kind_hatch(kind)
-        }  # fmt: skip
-        # matplotlib 3.11 and later take the colour of a hatch from this setting, earlier versions from the edge
-        with rc_context({"hatch.color": lines}):
-            for row, column in np.argwhere(floor.tiles == kind).tolist():
-                corner = (left + column * tile_w, bottom + (rows - 1 - row) * tile_h)  # row 0 is at the top
-                tile = Rectangle(corner, tile_w, tile_h, label=labels.pop(kind, None), **looks)
-                if 0 < (level := floor.levels[row, column]) < 1:
-                    tile.set(facecolor=_between(level), edgecolor=LINE, lw=0.4, hatch="")
-                axes.add_patch(tile)
-    with rc_context({"hatch.color": RUN["ripple"]}):
-        for patch in floor.patches:
-            axes.add_patch(_patch_artist(patch))
-    outline = Rectangle((left, bottom), columns * tile_w, rows * tile_h, fill=False, edgecolor=FAINT, lw=0.8)
-    axes.add_patch(outline)
-
-
-def _between(contrast: float) -> tuple[float, ...]:
-    """Return the colour of a tile of a value, between those of still and of vibrating tiles."""
-    from matplotlib.colors import to_rgb
-
-    still, vibrating = (np.array(to_rgb(RUN[name])) for name in ("tile-still", "ripple"))
-    return tuple((still + contrast * (vibrating - still)).tolist())
-
-
-def _patch_artist(patch: Patch) -> Any:
-    """Return a patch of damage as matplotlib draws it, hatched as a vibrating tile, on the colour of its contrast."""
+    from matplotlib.colors import LinearSegmentedColormap, ListedColormap
     from matplotlib.patches import Ellipse, Rectangle
 
-    looks: dict[str, Any] = {
-        "facecolor": _between(patch.contrast), "edgecolor": RUN["vibrating"], "lw": 0.6, "hatch": "////"
-    }  # fmt: skip
-    if patch.is_disc:
-        return Ellipse((patch.x_m, patch.y_m), patch.width_m, patch.height_m, **looks)
-    corner = patch.x_m - patch.width_m / 2, patch.y_m - patch.height_m / 2
-    return Rectangle(corner, patch.width_m, patch.height_m, **looks)
+    rows, columns, tile_w, tile_h, left, bottom = floor.geometry
+    edges = left + tile_w * np.arange(columns + 1), bottom + tile_h * np.arange(rows, -1, -1)
+    between = (floor.levels > 0) & (floor.levels < 1)
+    shades = LinearSegmentedColormap.from_list("value", [RUN["tile-still"], RUN["ripple"]])
+    for kind in np.unique(floor.tiles).tolist():
+        lines = {0: LINE, VIBRATES: RUN["ripple"]}.get(kind, RUN["trail"])
+        looks: dict[str, Any] = {"edgecolor": lines, "lw": 0 if kind else 0.4, "hatch": kind_hatch(kind)}
+        # matplotlib 3.11 and later take the colour of a hatch from this setting, earlier versions from the edge
+        with rc_context({"hatch.color": lines}):
+            colour, others = kind_colours(kind)[0], (floor.tiles != kind) | between
+            axes.pcolor(*edges, np.ma.array(floor.tiles, mask=others), cmap=ListedColormap([colour]), **looks)
+            if kind in labels and not floor.has_contrasts:  # a tile without size, for the legend
+                axes.add_patch(Rectangle((left, bottom), 0, 0, facecolor=colour, label=labels[kind], **looks))
+    axes.pcolor(
+        *edges, np.ma.array(floor.levels, mask=~between), cmap=shades, vmin=0, vmax=1, edgecolor=LINE, lw=0.4
+    )
+    for patch in floor.patches:
+        looks = {
+            "facecolor": shades(patch.contrast),
+            "edgecolor": RUN["vibrating"],
+            "lw": 0.6,
+            "hatch": "////",
+        }
+        corner = patch.x_m - patch.width_m / 2, patch.y_m - patch.height_m / 2
+        disc = Ellipse((patch.x_m, patch.y_m), patch.width_m, patch.height_m, **looks)
+        axes.add_patch(disc if patch.is_disc else Rectangle(corner, patch.width_m, patch.height_m, **looks))
+    axes.add_patch(Rectangle((left, bottom), columns * tile_w, rows * tile_h, fill=False, ec=FAINT, lw=0.8))
+    axes.spines[:].set_visible(True)
 
 
 def _draw_paths(axes: Axes, result: Result, run: int) -> None:
@@ -392,54 +308,33 @@ def maps_figure(
 ) -> Figure:
     """Draw the map of all robots together, then the maps of the ``MOST_MAPS`` robots with the lowest numbers.
 
-    The colour of a tile is the belief that it vibrates. A cross marks a tile that is believed to be what it is not: the
-    belief that it vibrates is above 0.5 although it is still, or not above 0.5 although it vibrates. Where the truth is
-    not known (``vibrates`` is null) there are no crosses, and no words about them.
+    The colour of a tile is the belief that it vibrates. A cross marks a tile that is believed to be what it is not.
 
     Args:
         maps: the table of ``statistics.map_figures.floor_maps``, in which the pooled map has null as its robot, and the
             tiles of each map are sorted by row, then column. run: number of a run that the table has.
         tile_m: width and height of a tile; maps are to scale. label: of the colours.
     """
-    from matplotlib.colors import LinearSegmentedColormap, to_rgb
     from matplotlib.figure import Figure
 
     of_run = maps.filter(run=run)
-    each = of_run["robot"].drop_nulls().unique().sort().to_list()
-    robots = each[:MOST_MAPS]
-    maps_drawn = 1 + len(robots)
-    across = min(maps_drawn, ACROSS)
-    down = math.ceil(maps_drawn / across)
+    robots = [None, *of_run["robot"].drop_nulls().unique().sort().head(MOST_MAPS)]  # None: all robots
     rows, columns = (of_run[name].n_unique() for name in ("row", "column"))
-    tile = tile_m[1] / tile_m[0]  # its height, if it is 1 wide
-    # Maps are 2 in wide, or less if they would be higher than that; the label of the colour bar needs this height.
-    # There is room for the bar at the right and for the note below.
-    wide_in = 2.0 / max(1.0, rows * tile / columns)
-    high_in = wide_in * rows * tile / columns
-    size_in = (max(wide_in, 0.8) * across + 0.7, max((high_in + 0.25) * down, 2.25) + 0.5)
-    figure = Figure(figsize=size_in, layout="constrained")
-    cross_pt = min(6.0, 72 * 0.6 * min(wide_in / columns, high_in / rows))
-    axes = panels_of(figure, maps_drawn, ACROSS)
-    # Almost the named colours: those a dark page replaces, but not the ones between them, nor the scale's.
-    ends = [tuple(0.99 * part for part in to_rgb(colour)) for colour in (STILL, VIBRATING)]
-    colours: Any = LinearSegmentedColormap.from_list("floor", ends)
+    down, across = -(-len(robots) // ACROSS), min(len(robots), ACROSS)
+    high_in = min(2.0 * rows * tile_m[1] / (columns * tile_m[0]), 4.0)
+    figure = Figure(
+        figsize=(2.0 * across + 0.7, max((high_in + 0.25) * down, 2.25) + 0.5), layout="constrained"
+    )
     mesh: Any = None
-    for ax, robot in zip(axes, [None, *robots], strict=True):  # None: all robots
-        own = of_run.filter(pl.col("robot").is_null() if robot is None else pl.col("robot") == robot)
+    for axes, robot in zip(panels_of(figure, len(robots), ACROSS), robots, strict=True):
+        own = of_run.filter(pl.col("robot").eq_missing(robot))
         belief = own["vibrating"].to_numpy().reshape(rows, columns)
-        mesh = ax.pcolormesh(belief, cmap=colours, vmin=0, vmax=1, edgecolors="#8a8578", linewidth=0.4)
+        mesh = axes.pcolormesh(belief, cmap=COLOUR_MAP, vmin=0, vmax=1)
         wrong = own.filter((pl.col("vibrating") > 0.5) != (pl.col("vibrates") == 1))
-        ax.plot(
-            wrong["column"].to_numpy() + 0.5, wrong["row"].to_numpy() + 0.5, "x", color="black",
-            ms=cross_pt, mew=cross_pt / 3,
-        )  # fmt: skip
-        ax.set(aspect=tile, xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[])
-        ax.spines[:].set_visible(True)
-        ax.set_title("all robots" if robot is None else f"robot {robot}", fontsize=9)
-    bar = figure.colorbar(mesh, ax=figure.axes, shrink=0.8)
-    bar.set_label(label, fontsize=9)
-    words = ["x: believed kind is wrong"] if of_run["vibrates"].is_not_null().any() else []
-    words.append(first_of(len(robots), len(each), "robot"))
-    if said := "; ".join(filter(None, words)):
-        figure.supxlabel(said, fontsize=8)
+        axes.plot(wrong["column"] + 0.5, wrong["row"] + 0.5, ls="", marker="x", color=ON_DARK, mec=SERIES[1])
+        axes.set(aspect=tile_m[1] / tile_m[0], xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[])
+        axes.set_title("all robots" if robot is None else f"robot {robot}")
+    figure.colorbar(mesh, ax=figure.axes, shrink=0.8, label=label)
+    if of_run["vibrates"].is_not_null().any():
+        figure.supxlabel("x: believed kind is wrong", fontsize="small")
     return figure

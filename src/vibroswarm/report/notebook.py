@@ -22,9 +22,10 @@ def html_of(value: object) -> str:
 
 def _player(result: Result) -> str:
     """Return a frame with the page of a run; it is sandboxed, so that its scripts cannot reach the notebook."""
-    from vibroswarm.run_page.write import page_html, record_of
+    from vibroswarm.run_page.payload import payload
+    from vibroswarm.run_page.write import page_html
 
-    content = page_html(record_of(result, int(result.runs["run"][0])))
+    content = page_html(payload(result, int(result.runs["run"][0])))
     style = f"width: 100%; height: {PLAYER_PX}px; border: 0"
     sandbox = "allow-scripts allow-downloads"
     return f'<iframe sandbox="{sandbox}" loading="lazy" style="{style}" srcdoc="{escape(content)}"></iframe>'

@@ -1,210 +1,55 @@
-"""Convert a run to the data of its web page: its tables and constants, as a dict for JSON.
+"""A run as the data of its web page: its tables and constants, as a dict for JSON.
 
-Numeric columns are packed: their bytes are encoded in base64.
-
-| name | symbol | unit |
-|---|---|---|
-| avoidance_threshold_m | theta_c | m |
-| credible_threshold | p_c | - |
-| min_observations | O_c | - |
-| fill_ratio | f | - |
-| belief | p = P(share of ones < readings_boundary) | - |
-| decision | d_f | 1 vibrating, 0 still, -1 undecided |
+Lengths in m, times in s, angles in rad; arena coordinates begin at the lower left corner of the walls. Numeric columns
+are packed (``packed_column``). Poses are thinned to one each ``POSE_S``, and one wherever a robot's move changes.
 """
 
 from __future__ import annotations
 
+import math
 from base64 import b64encode
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from scipy.special import betainc
 
-from vibroswarm.errors import check_choice
+from vibroswarm.core.numbers import count, number
+from vibroswarm.errors import InputError, check_kind
 from vibroswarm.floors.floor import Floor, rows_of
-from vibroswarm.run_page.trajectory_thinning import Track, tracks
-from vibroswarm.tasks.fill_ratio import ON_THE_BOUNDARY
-
-ROBOT_COLUMNS = (
-    "robot",
-    "decision",
-    "decision_time_s",
-    "belief_at_decision",
-    "alpha",
-    "beta",
-    "samples",
-    "sent",
-    "messages_received",
+from vibroswarm.localisation.locate import is_estimated
+from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
+from vibroswarm.result import Result
+from vibroswarm.scenario.change_fields import change_words
+from vibroswarm.scenario.fault_draws import fault_words
+from vibroswarm.scenario.fault_fields import MOTION_FAULTS
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.statistics.map_figures import keeps_floor_map, maps_over_time
+from vibroswarm.statistics.robot_knowledge import true_places_notes
+from vibroswarm.statistics.verdict import (
+    Verdict,
+    estimates_in_words,
+    holds_opinions,
+    strategy_name,
+    verdict,
 )
-"""Columns of the table of robots that the page has."""
+from vibroswarm.strategies import strategy as strategy_of
+from vibroswarm.strategies.static_analysis import fields_read
 
-OUTCOMES = ("right", "wrong", "split", "incomplete", "truth_undefined")
-"""Outcomes of the swarm: all robots decided rightly, or all wrongly; their decisions differ (``split``); a robot is
-undecided (``incomplete``); or a consensus on a floor without a right answer (``truth_undefined``)."""
-
-
-class MapsOverTime(NamedTuple):
-    """Maps of the floor that robots keep, at several times of a run."""
-
-    time_s: NDArray[np.float64]
-    """(times,), two or more, evenly spaced from 0."""
-    beliefs: NDArray[np.float64]
-    """(times, maps, tiles): belief that the tile vibrates. The maps are those of each robot and the pooled map, or the
-    pooled map alone."""
-
-
-@dataclass(frozen=True, eq=False)
-class RunRecord:
-    """One run for a page. Lengths in m, times in s, angles in rad.
-
-    The tables are those of a result, of this run alone. Arena coordinates begin at the lower left corner of the walls;
-    x points right, y up.
-
-    Raises:
-        InputError: ``consensus`` is unknown.
-    """
-
-    title: str
-    """Heading of the page; any text."""
-    arena: Mapping[str, float]
-    """Its ``width_m`` and ``height_m``: x of its right wall and y of its upper wall, m."""
-    floor: Floor
-    """The tiles, in arena coordinates."""
-    t_end_s: float
-    """End of the run, s."""
-    strategy: str
-    """Strategy of the robots in words, such as "soft feedback"."""
-    seed: int | None
-    """Seed that reproduces the run, with ``run``; None: the run was recorded."""
-    run: int
-    """Number of the run."""
-    fill_ratio: float
-    """True share of tiles that vibrate."""
-    consensus: str
-    """Outcome of the swarm, one of ``OUTCOMES``."""
-    consensus_time_s: float | None
-    """Time at which the last robot decided, s; None without a consensus."""
-    motion: pl.DataFrame
-    """The run's samples: robot, time and place."""
-    poses: pl.DataFrame
-    """The robots' poses."""
-    observations: pl.DataFrame
-    """What each sample read."""
-    inference: pl.DataFrame
-    """Belief, decision and messages of a robot after each of its samples."""
-    robots: pl.DataFrame
-    """One row per robot: its outcome."""
-    rule: Mapping[str, Any]
-    """How robots decide, as the page's scripts read it (``write.rule_of``)."""
-    body: Mapping[str, Any]
-    """A robot's body and its rays, as the page's scripts read them (``write.body_of``)."""
-    expected_ones: float | None = None
-    """Expected share of ones on this floor, shown instead of the fill ratio if robots compare their readings with
-    another share than the boundary; None: the fill ratio."""
-    tick_s: float = 0.02
-    """The robots' control period, s."""
-    truth: int | None = None
-    """The right decision, None if neither is; used only if the question is not about the fill ratio, which gives it."""
-    notes: tuple[str, ...] = ()
-    """Sentences to be read before the question, such as that robots knew their true places."""
-    estimates: Mapping[str, Any] | None = None
-    """What robots say to a task that asks for a number, in words; None: it asks for a decision."""
-    kinds: int = 2
-    """Number of kinds of tile, or of classes of readings if they are more."""
-    faults: tuple[Mapping[str, Any], ...] = ()
-    """For each fault: robot, ``fault`` in words, ``from_s``, and whether it ``stops`` the robot for good."""
-    details: dict[str, str] = field(default_factory=dict)
-    """Further texts in the page's footer, by name."""
-    places: pl.DataFrame | None = None
-    """Where robots believe they are at each sample: robot, sample, x_m, y_m, heading_rad, spread_m;
-    and, if known, the smoothed place of an earlier sample (``LAGGED_COLUMNS``)."""
-    maps: MapsOverTime | None = None
-    """The robots' maps of the floor; None: they keep none."""
-    reports: tuple[Mapping[str, Any], ...] = ()
-    """What robots report, of each value that is shown: its ``name`` and unit; its ``values`` after each sample, packed,
-    sorted by robot and sample (nan: none yet); and the ``truth``, the number that it estimates, if it does: pairs of a
-    time (s), 0 first, and the number from then on."""
-    reported: int = 0
-    """Number of values that robots report; those that ``reports`` lacks are not shown."""
-
-    def __post_init__(self) -> None:
-        """Check the consensus.
-
-        Raises:
-            InputError: it is unknown.
-        """
-        check_choice(self.consensus, "consensus", OUTCOMES)
-
-    @property
-    def true_decision(self) -> int | None:
-        """The right decision: 1 if the fill ratio is above the boundary, 0 if it is below, None if it is the boundary.
-
-        For a question that is not about the fill ratio, it is ``truth``.
-        """
-        if self.rule["answers"] is not None:
-            return self.truth
-        beyond = self.fill_ratio - self.rule["boundary"]
-        return None if abs(beyond) < ON_THE_BOUNDARY else int(beyond > 0.0)
-
-
-TIME_QUANTUM_S = 0.001
-"""Unit in which times of knots are packed."""
-POSITION_QUANTUM_M = 0.0001
-"""Unit in which positions of knots are packed."""
-HEADING_QUANTUM_RAD = 2 * np.pi / 3600
-"""Unit in which headings of knots are packed."""
-
-
-def packed_column(values: NDArray[np.generic]) -> dict[str, str]:
-    """Pack a column: its little-endian type in NumPy's notation without the byte order, and its bytes in base64."""
-    column = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"))
-    return {"type": column.dtype.str.lstrip("<|"), "bytes": b64encode(column.tobytes()).decode("ascii")}
-
-
-def packed_track(track: Track) -> dict[str, int | str]:
-    """Pack a track's knots as variable-length integers in base64.
-
-    A knot has five integers: the differences of time, x, y and heading from the knot before (from 0 for the first
-    knot), in units of their quantum, and the kind itself.
-    """
-    # Units of the columns of ``knots``: time, x, y, heading.
-    quanta = [TIME_QUANTUM_S, POSITION_QUANTUM_M, POSITION_QUANTUM_M, HEADING_QUANTUM_RAD]
-    # Rounded before differences are taken, so that rounding errors do not add up.
-    steps = np.diff(np.round(track.knots / quanta).astype(np.int64), axis=0, prepend=0)
-    rows = np.column_stack([steps, track.kind])
-    data = b64encode(varints(rows.ravel())).decode("ascii")
-    return {"robot": track.robot, "knots": len(rows), "bytes": data}
-
-
-def varints(values: NDArray[np.int64]) -> bytes:
-    """Encode integers as LEB128 of their zigzag form, in which numbers near 0 take one byte.
-
-    The zigzag form of 0, -1, 1, -2 is 0, 1, 2, 3. LEB128 writes groups of 7 bits, the lowest first, one per byte; bit 7
-    of a byte is set if another byte follows.
-    """
-    rest = ((values << 1) ^ (values >> 63)).astype(np.uint64)
-    groups = [rest & np.uint64(127)]
-    while (rest := rest >> np.uint64(7)).any():
-        groups.append(rest & np.uint64(127))
-    table = np.stack(groups, axis=1).astype(np.uint8)  # (values, groups)
-    # Number of bytes that each value needs: up to its highest group that is not 0, but at least one.
-    used = table.shape[1] - np.argmax(table[:, ::-1] != 0, axis=1)
-    used[~table.any(axis=1)] = 1
-    place = np.arange(table.shape[1])
-    table[place < used[:, None] - 1] |= 128
-    return bytes(table[place < used[:, None]].tobytes())
-
-
-FORMAT = 1
-"""Version of the payload, which the page's scripts check."""
-
-UNKNOWN = 255
-"""Stands for a missing message: the robot sent none, its messages are no bits, or a recording does not contain it."""
-
-SAMPLE_TYPES = {
+POSE_S: Final = 0.25
+"""Time between the poses that a page has."""
+KINDS: Final = ("drive", "turn", "avoid", "stop")
+"""Kinds of moves."""
+HEADING_RAD: Final = 2 * np.pi / 32768
+"""Unit of the headings of a page."""
+UNKNOWN: Final = 255
+"""Stands for a missing message."""
+MAP_TIMES: Final = 41
+"""Number of times of a run at which a page shows maps."""
+MAX_MAPS: Final = 1_000_000
+"""Largest number of values (times, maps, tiles) for which a page shows all maps, and not only the pooled map."""
+SAMPLE_TYPES: Final = {
     "robot": pl.UInt16,
     "sample": pl.UInt32,
     "stop_start_s": pl.Float64,
@@ -221,56 +66,116 @@ SAMPLE_TYPES = {
     "belief_below": pl.Float64,
     "decision": pl.Int8,
 }
-"""Columns of the samples: those of motion, observations and inference. A column with missing values is packed as
-floats with nan, whatever its type here."""
+"""Columns of the samples. One with missing values is packed as floats with nan, whatever its type here."""
+ROBOT_COLUMNS: Final = (
+    "robot", "decision", "decision_time_s", "belief_at_decision", "alpha", "beta", "samples", "sent",
+    "messages_received",
+)  # fmt: skip
+PLACE_COLUMNS: Final = ("x_m", "y_m", "heading_rad", "spread_m")
+"""Where a robot believes that it is, and the standard deviation of this place."""
 
 
-def payload(record: RunRecord) -> dict[str, Any]:
-    """Convert a run to dicts, lists, text, booleans, finite numbers and None, which the page's scripts read.
+def packed_column(values: NDArray[np.generic]) -> dict[str, str]:
+    """Pack a column: its little-endian type in NumPy's notation without the byte order, and its bytes in base64."""
+    column = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"))
+    return {"type": column.dtype.str.lstrip("<|"), "bytes": b64encode(column.tobytes()).decode("ascii")}
 
-    Samples and places are packed columns (``packed_column``), sorted by robot and sample; a missing message is
-    ``UNKNOWN``, any other missing value nan. The maps are packed too, with beliefs rounded to 1/255. Trajectories are
-    rounded, thinned and packed (``packed_track``). Everything else has the record's values.
+
+def payload(result: Result, run: int = 0, *, title: str = "") -> dict[str, Any]:
+    """Return one run as dicts, lists, texts, booleans, finite numbers and None, which the page's scripts read.
+
+    Raises:
+        InputError: ``result`` is no ``Result``, has no such run or no poses; or its strategy or network is not loaded.
     """
-    samples = _joined(record)
+    check_kind(result, Result, "result", "a Result, as simulate() returns")
+    if result.poses is None:
+        raise InputError("no page can be made: simulate with poses=True")
+    floor, scenario = result.floor(run), result.scenario
+    summary = result.runs.filter(run=run).to_dicts()[0]
+    size_m = (scenario.arena.width_m, scenario.arena.height_m)
+    at_end = floor.at(summary["end_s"])
+    fill_ratio = at_end.fill_ratio_within(*size_m)
+    rule = rule_of(scenario)
+    found = None if scenario.task.name == "fill_ratio" else verdict(result, run)
+    if found is not None:
+        rule |= {"answers": list(found.answers), "asked_anew": found.asked_anew}
+    moved = rule["tested"] != rule["boundary"]
+    samples = _samples(result, run)
     return {
-        "format": FORMAT,
-        "title": record.title,
-        "strategy": record.strategy,
-        "seed": None if record.seed is None else int(record.seed),
-        "run": int(record.run),
-        "arena": dict(record.arena),
-        "floor": _floor(record),
-        **({"kinds": record.kinds} if record.kinds > 2 else {}),
-        "body": dict(record.body),
-        "time": {"tick_s": float(record.tick_s), "end_s": float(record.t_end_s)},
-        "rule": dict(record.rule),
+        "title": title or f"{count(scenario.swarm.robots, 'robot')} on {floor.name}",
+        "strategy": strategy_name(scenario.strategy.name),
+        "seed": result.seed,
+        "run": run,
+        "arena": dict(zip(("width_m", "height_m"), size_m, strict=True)),
+        "floor": _floor(floor),
+        "kinds": max(scenario.sensor.kinds, scenario.sensor.readings),
+        "body": body_of(scenario),
+        "time": {"tick_s": scenario.tick_s, "end_s": summary["end_s"]},
+        "rule": rule,
         "truth": {
-            "fill_ratio": float(record.fill_ratio),
-            "ones": float(record.fill_ratio if record.expected_ones is None else record.expected_ones),
-            "decision": record.true_decision,
+            "fill_ratio": fill_ratio,
+            "ones": float(expected_ones_on(scenario.sensor, at_end, size_m)) if moved else fill_ratio,
+            "decision": summary["truth"],
         },
-        "notes": list(record.notes),
-        "outcome": {"consensus": record.consensus, "time_s": record.consensus_time_s},
-        "estimates": None if record.estimates is None else dict(record.estimates),
-        "robots": record.robots.select(ROBOT_COLUMNS).sort("robot").to_dicts(),
-        "samples": {name: packed_column(column) for name, column in _samples(samples).items()},
-        "places": None if record.places is None else _places(samples, record.places),
-        "maps": None if record.maps is None else _maps(record.maps),
-        **({"reports": list(record.reports), "reported": record.reported} if record.reports else {}),
-        "poses": _poses(record),
-        "faults": list(map(dict, record.faults)),
-        "details": [[str(name), str(text)] for name, text in record.details.items()],
+        "notes": list(true_places_notes([scenario])),
+        "outcome": {"consensus": summary["consensus"], "time_s": summary["consensus_time_s"]},
+        "estimates": None if found is None else _estimates(found),
+        "robots": result.robots.filter(run=run).select(ROBOT_COLUMNS).sort("robot").to_dicts(),
+        "samples": {
+            name: packed_column(samples[name].cast(kind).to_numpy()) for name, kind in SAMPLE_TYPES.items()
+        },
+        "places": None if result.places is None else _places(samples, result.places.filter(run=run)),
+        "maps": _maps(result, run, summary["end_s"]),
+        "poses": _poses(result.poses.filter(run=run), max(size_m)),
+        "faults": [] if result.faults is None else _faults(result.faults.filter(run=run)),
+        "details": _details(result),
     }
 
 
-def _floor(record: RunRecord) -> dict[str, Any]:
-    """Return the floor for the page; its tiles at time 0 are text of their kinds, row by row from the top."""
-    floor = record.floor
+def rule_of(scenario: Scenario) -> dict[str, Any]:
+    """Return how robots decide on the fill ratio, by the names that the page's scripts read.
+
+    ``prior_belief`` is the belief before the first sample: P(share of ones < tested).
+    """
+    decision, strategy = scenario.decision, strategy_of(scenario.strategy.name)
+    prior, tested = (decision.prior_alpha, decision.prior_beta), readings_boundary(scenario)
+    read = fields_read(strategy)
+    return {
+        "credible_threshold": decision.credible_threshold,
+        "boundary": decision.decision_boundary,
+        "tested": float(tested),
+        "prior_alpha": prior[0],
+        "prior_beta": prior[1],
+        "prior_belief": float(betainc(*prior, tested)),
+        "min_observations": decision.min_observations,
+        "gate": decision.gate,
+        "gate_counts_current": decision.gate_counts_current,
+        "gated": "min_observations" in read,
+        "by_belief": "credible_threshold" in read,
+        "answers": None,
+        "asked_anew": False,
+        "decides": strategy.decides,
+        "opinions": holds_opinions(scenario),
+    }
+
+
+def body_of(scenario: Scenario) -> dict[str, Any]:
+    """Return the geometry of a robot's body and rays, by the names that the page's scripts read."""
+    rays = scenario.rays
+    return {
+        "radius_m": scenario.robot.body_radius_m,
+        "ray_forward_m": rays.forward_m,
+        "ray_sides_m": list(rays.side_m),
+        "ray_angles_rad": [math.radians(angle) for angle in rays.angle_deg],
+        "ray_range_m": rays.range_m,
+        "ray_disc_radius_m": rays.disc_radius_m,
+        "avoidance_threshold_m": scenario.walk.avoidance_threshold_mm / 1000.0,
+    }
+
+
+def _floor(floor: Floor) -> dict[str, Any]:
+    """Return the floor; its tiles at time 0 are text of their kinds, row by row from the top."""
     rows, columns = floor.tiles.shape
-    patches = [(p.x_m, p.y_m, p.width_m, p.height_m, p.is_disc, p.contrast) for p in floor.patches]
-    # time (s), tile and new kind of each change, in the order of time
-    changes = list(zip(*(column.tolist() for column in floor.changes), strict=True))
     return {
         "name": floor.name,
         "rows": rows,
@@ -281,69 +186,106 @@ def _floor(record: RunRecord) -> dict[str, Any]:
         "bottom_m": float(floor.bottom_m),
         "tiles": "".join(rows_of(floor.tiles)),
         "has_values": floor.has_contrasts,
-        **({"patches": patches} if patches else {}),
-        **({"changes": changes} if floor.is_changing else {}),
+        "patches": [(p.x_m, p.y_m, p.width_m, p.height_m, p.is_disc, p.contrast) for p in floor.patches],
+        # time (s), tile and new kind of each change, in the order of time
+        "changes": list(zip(*(column.tolist() for column in floor.changes), strict=True)),
     }
 
 
-def _joined(record: RunRecord) -> pl.DataFrame:
+def _samples(result: Result, run: int) -> pl.DataFrame:
     """Return the samples that have a row in motion, observations and inference, sorted by robot and sample number."""
-    table = record.motion
-    for other in (record.observations, record.inference):
+    table = result.motion.filter(run=run)
+    for other in (result.observations, result.inference):
         new = [name for name in other.columns if name not in table.columns]
-        table = table.join(other.select("robot", "sample", *new), on=["robot", "sample"], how="inner")
+        table = table.join(other.filter(run=run).select("robot", "sample", *new), on=["robot", "sample"])
+    table = table.cast({"energy": pl.Float32}).with_columns(
+        pl.col("energy").fill_null(np.nan), pl.col("message").fill_null(UNKNOWN)
+    )
     return table.sort("robot", "sample")
 
 
-def _samples(samples: pl.DataFrame) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the columns ``SAMPLE_TYPES`` of the samples.
-
-    A missing message is ``UNKNOWN``, any other missing value nan: ``to_numpy`` converts a column with nulls, such as
-    alpha of a strategy without a posterior, to floats with nan.
-    """
-    table = samples.cast({"energy": pl.Float32}).with_columns(
-        pl.col("energy").fill_null(np.nan), pl.col("message").fill_null(UNKNOWN)
-    )
-    return {name: table[name].cast(kind).to_numpy() for name, kind in SAMPLE_TYPES.items()}
-
-
-PLACE_COLUMNS = ("x_m", "y_m", "heading_rad", "spread_m")
-"""Where a robot believes that it is, and the standard deviation of this place."""
-LAGGED_COLUMNS = ("lagged_sample", "lagged_x_m", "lagged_y_m", "lagged_spread_x_m", "lagged_spread_y_m")
-"""The smoothed place of an earlier sample; optional."""
-
-
 def _places(samples: pl.DataFrame, places: pl.DataFrame) -> dict[str, Any]:
-    """Return the estimated places as packed columns, one entry for each of the samples; nan without an estimate."""
-    names = (*PLACE_COLUMNS, *(name for name in LAGGED_COLUMNS if name in places.columns))
-    known = places.select("robot", "sample", *names)
-    of_samples = samples.select("robot", "sample")
-    estimates = of_samples.join(known, on=["robot", "sample"], how="left", maintain_order="left")
+    known = places.select("robot", "sample", *PLACE_COLUMNS)
+    found = samples.select("robot", "sample").join(
+        known, on=["robot", "sample"], how="left", maintain_order="left"
+    )
     return {
-        name: packed_column(estimates[name].cast(pl.Float32).fill_null(np.nan).to_numpy()) for name in names
+        name: packed_column(found[name].cast(pl.Float32).fill_null(np.nan).to_numpy())
+        for name in PLACE_COLUMNS
     }
 
 
-def _maps(maps: MapsOverTime) -> dict[str, Any]:
-    """Return the maps for the page: beliefs as whole numbers from 0 to 255, ordered by time, then map, then tile.
+def _maps(result: Result, run: int, end_s: float) -> dict[str, Any] | None:
+    """Return the robots' maps and the pooled map over time, or the latter alone if all would be too large.
 
-    ``count`` is the number of maps at each time; ``step_s`` the time between two of them, s.
+    None if the robots keep no maps, or if these cannot be recomputed.
     """
-    beliefs = np.rint(255.0 * maps.beliefs).astype(np.uint8)
-    return {
-        "step_s": float(maps.time_s[1] - maps.time_s[0]),
-        "count": beliefs.shape[1],
-        "beliefs": packed_column(beliefs.ravel()),
-    }
+    is_lost = result.seed is None or (is_estimated(result.scenario) and result.moves is None)
+    if is_lost or not keeps_floor_map(result.scenario):
+        return None
+    time_s = np.linspace(0.0, end_s, MAP_TIMES)
+    beliefs = maps_over_time(result, run, time_s)
+    beliefs = (
+        beliefs if beliefs.size <= MAX_MAPS else beliefs[:, -1:]
+    )  # the last map at each time is the pooled one
+    packed = packed_column(np.rint(255.0 * beliefs).astype(np.uint8).ravel())
+    return {"step_s": float(time_s[1]), "count": beliefs.shape[1], "beliefs": packed}
 
 
-def _poses(record: RunRecord) -> dict[str, Any]:
-    """Return the robots' thinned trajectories for the page, with the units of their packed integers."""
-    robots, kinds = tracks(record.poses)
-    return {
-        "time_quantum_s": TIME_QUANTUM_S,
-        "position_quantum_m": POSITION_QUANTUM_M,
-        "heading_quantum_rad": HEADING_QUANTUM_RAD,
-        "kinds": kinds,
-        "robots": [packed_track(track) for track in robots],
-    }
+def _poses(poses: pl.DataFrame, side_m: float) -> dict[str, Any]:
+    """Return the robots' thinned poses as packed columns; a place has 16 bits, from 0 to about ``side_m``."""
+    unit_m = side_m / 30_000
+    poses = poses.sort("robot", "time_s").with_columns(kind=pl.col("kind").cast(pl.Enum(KINDS)).to_physical())
+    step = (pl.col("time_s") / POSE_S + 1e-6).floor()
+    keep = pl.any_horizontal(
+        *(column.diff().fill_null(1.0) != 0 for column in (step, pl.col("kind").cast(pl.Int8))),
+        pl.col("kind").cast(pl.Int8).diff().shift(-1).fill_null(1)
+        != 0,  # the last pose before a change, or of all
+    )
+    robots = []
+    for (robot,), own in poses.filter(keep.over("robot")).group_by("robot", maintain_order=True):
+        place = own.select("x_m", "y_m").to_numpy() / unit_m
+        heading = np.remainder(own["heading_rad"].to_numpy() + np.pi, 2 * np.pi) - np.pi
+        columns = {
+            "time": own["time_s"].cast(pl.Float32).to_numpy(),
+            "x": np.rint(place[:, 0]).astype(np.int16),
+            "y": np.rint(place[:, 1]).astype(np.int16),
+            "heading": np.rint(heading / HEADING_RAD).astype(np.int16),
+            "kind": own["kind"].cast(pl.UInt8).to_numpy(),
+        }
+        robots.append({"robot": robot, **{name: packed_column(column) for name, column in columns.items()}})
+    return {"position_m": unit_m, "heading_rad": HEADING_RAD, "kinds": list(KINDS), "robots": robots}
+
+
+def _estimates(found: Verdict) -> dict[str, Any] | None:
+    """Return what robots say to a task that asks for a number, in words; None if it asks for a decision."""
+    if not found.estimated:
+        return None
+    told, sure = estimates_in_words(found)
+    each = [number(robot.estimate, 3) if robot.estimate is not None else "\u2013" for robot in found.robots]
+    true = number(found.fill_ratio, digits=4)
+    return {"asked": found.estimated, "true": true, "told": told, "sure": sure, "of_robots": each}
+
+
+def _faults(faults: pl.DataFrame) -> list[dict[str, Any]]:
+    return [
+        {
+            "robot": row["robot"],
+            "fault": fault_words(row["fault"]),
+            "from_s": row["from_s"],
+            "stops": row["fault"] in MOTION_FAULTS,
+        }
+        for row in faults.to_dicts()
+    ]
+
+
+def _details(result: Result) -> list[tuple[str, str]]:
+    """Return further texts of the page's footer, by name."""
+    changes = change_words(result.scenario.change)
+    names = ("vibroswarm", "python", "numpy", "numba", "architecture", "code")
+    return [
+        ("scenario", result.scenario.hash),
+        ("motion", str(result.source)),
+        *([("change", changes)] if changes else []),
+        *((name, str(result.versions[name])) for name in names if name in result.versions),
+    ]

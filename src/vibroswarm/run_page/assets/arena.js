@@ -4,11 +4,10 @@ const arena = { view: null, context: null, t: 0 };
 
 // From metres to CSS pixels; y points up in the arena and down on the screen.
 function arenaView(width) {
-  const whole = width / run.arena.width_m, scale = whole * zoom.factor, height = run.arena.height_m * whole;
-  const left = zoom.x - width / 2 / scale, bottom = zoom.y - height / 2 / scale;
+  const scale = width / run.arena.width_m, height = run.arena.height_m * scale;
   return {
-    width, height, scale, x: (x) => (x - left) * scale, y: (y) => height - (y - bottom) * scale,
-    toX: (x) => left + x / scale, toY: (y) => bottom + (height - y) / scale,
+    width, height, scale, x: (x) => x * scale, y: (y) => height - y * scale,
+    toX: (x) => x / scale, toY: (y) => (height - y) / scale,
   };
 }
 
@@ -41,14 +40,6 @@ function layOutArena() {
   drawFloor(fit("floor"), arena.view);
   resetPast(fit("past"), arena.view);
   arena.context = fit("actors");
-  drawScaleBar(arena.view);
-}
-
-// The same canvases, seen from nearer or farther.
-function layOutZoom() {
-  arena.view = arenaView(arena.view.width);
-  drawFloor(byId("floor").getContext("2d"), arena.view);
-  resetPast(byId("past").getContext("2d"), arena.view);
   drawScaleBar(arena.view);
 }
 

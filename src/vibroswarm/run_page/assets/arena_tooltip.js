@@ -84,7 +84,6 @@ function watchArena(timeNow, whoIsFollowed, onChoose) {
   });
   canvas.addEventListener("pointerleave", hideTooltip);
   canvas.addEventListener("click", (event) => {
-    if (zoom.dragged) return;
     const place = placeIn(canvas, event), near = robotNear(place, timeNow(), 16);
     if (near) onChoose(near.robot);
     else liveTooltip(event, () => arenaNote(place, timeNow(), whoIsFollowed()));

@@ -63,7 +63,7 @@ function fillTile(context, kind, box, pattern) {
 
 // Patches of damage, which are not bound to tiles; the fainter, the lower their contrast.
 function drawPatches(context, view, waves) {
-  for (const [x, y, width, height, disc, contrast] of run.floor.patches ?? []) {
+  for (const [x, y, width, height, disc, contrast] of run.floor.patches) {
     const [w, h] = [width * view.scale, height * view.scale];
     context.beginPath();
     if (disc) context.arc(view.x(x), view.y(y), w / 2, 0, 2 * Math.PI);

@@ -14,7 +14,6 @@ function watchKeys(actions) {
     "-": () => actions.changeSpeed(-1),
     n: () => actions.seek(nextEvent(actions.now())),
     p: () => actions.seek(previousEvent(actions.now())),
-    l: () => actions.loop(),
     d: toggleTheme,
     "?": () => byId("help").showModal(),
     Escape: () => actions.follow(null),

@@ -1,6 +1,6 @@
 // Puts the page together: holds its state (time, playing, speed, followed robot) and draws it.
 
-const state = { t: 0, playing: false, speed: 20, followed: null, loop: null };
+const state = { t: 0, playing: false, speed: 20, followed: null };
 const LIVE_TEXT_MS = 120; // while playing, the words of cards and table change no more often than can be read
 let lastText = 0, lastFrame = 0, waiting = false;
 
@@ -8,12 +8,8 @@ function draw(now = performance.now()) {
   drawArena(state.t, state.followed, state.speed);
   drawBelief(state.t, state.followed);
   drawMaps(state.t, state.followed);
-  drawReports(state.t, state.followed);
   drawVerdict(state.t);
   drawPlayer(state);
-  drawLoop(state.loop);
-  drawZoom();
-  recordFrame(state.t);
   if (state.playing && now - lastText < LIVE_TEXT_MS) return;
   lastText = now;
   drawCards(state.t, state.followed); // with the table, so that both show one moment
@@ -29,7 +25,6 @@ function askForFrame() {
     if (state.playing) {
       const passed = lastFrame ? Math.min(Math.max((now - lastFrame) / 1000, 0), 0.1) : 0;
       state.t = Math.min(state.t + passed * state.speed, END_S);
-      if (state.loop && state.loop.to !== null && state.t >= state.loop.to) state.t = state.loop.from;
       if (state.t >= END_S) pause();
     }
     lastFrame = state.playing ? now : 0;
@@ -76,10 +71,6 @@ const actions = {
   changeSpeed: (by) => setSpeed(SPEEDS[Math.min(Math.max(SPEEDS.indexOf(state.speed) + by, 0), SPEEDS.length - 1)]),
   follow,
   now: () => state.t,
-  loop: () => {
-    state.loop = nextLoop(state.loop, state.t);
-    askForFrame();
-  },
 };
 
 function watchBelief() {
@@ -118,12 +109,10 @@ function layOut() {
   stamped.clear();
   shown = byId("belief-frame").clientWidth > 0;
   drawLegend();
-  drawLoop(state.loop);
   layOutArena();
   layOutBelief();
   layOutCards();
   layOutMaps();
-  layOutReports();
   lastText = 0; // cards and table too, at once
   draw();
 }
@@ -154,7 +143,7 @@ function expose() {
   window.vibroswarm = {
     state: () => ({
       time_s: state.t, playing: state.playing, speed: state.speed, end_s: END_S, theme: themeName(),
-      followed: state.followed ? state.followed.id : null, loop: state.loop,
+      followed: state.followed ? state.followed.id : null,
       hovered: beliefChart.hovered ? beliefChart.hovered.id : null,
     }),
     seek: (t) => {
@@ -165,21 +154,6 @@ function expose() {
     play, pause, setSpeed, draw,
     pose: (id, t) => poseAt(robots.find((robot) => robot.id === id), t),
     mind: (id, t) => mindAt(robots.find((robot) => robot.id === id), t),
-    faults: (id, t) => faultsAt(robots.find((robot) => robot.id === id), t),
-    gate: () => ({ first_s: FIRST_PERMITTED_S, robots_s: gateTimes }),
-    place: (id, t) => placeAt(robots.find((robot) => robot.id === id), t),
-    mapBelief: (tile, t, id) => tileBelief(tile, t, robots.find((robot) => robot.id === id)),
-    reported: (name, id, t) => reportAt(run.reports.find((report) => report.name === name),
-      robots.find((robot) => robot.id === id), t),
-    smoothed: (id, t) => smoothedAt(robots.find((robot) => robot.id === id), t),
-    flags: () => beliefChart.box.flags.map(({ robots: group, place, radius }) => (
-      { robots: group.map(({ id }) => id), place, radius })),
-    events: () => EVENT_TIMES_S,
-    band: () => beliefChart.band,
-    tileUnder: (x, y) => tileAt(arena.view.toX(x), arena.view.toY(y)),
-    screen: (x, y) => ({ x: arena.view.x(x), y: arena.view.y(y) }),
-    scaleBar: () => scaleBar(arena.view),
-    robots: run.robots,
   };
 }
 
@@ -188,21 +162,11 @@ function open() {
   buildDetails();
   buildLeads();
   buildCards(follow);
-  buildReports();
   buildRoster(follow);
   buildLayers(layOut);
   buildPlayer(actions);
   byId("next-event").addEventListener("click", () => seek(nextEvent(state.t)));
   byId("previous-event").addEventListener("click", () => seek(previousEvent(state.t)));
-  byId("loop").addEventListener("click", actions.loop);
-  buildZoom(() => {
-    layOutZoom();
-    askForFrame();
-  }, () => {
-    const pose = state.followed && poseAt(state.followed, state.t);
-    return pose ? { x: arena.view.x(pose.x), y: arena.view.y(pose.y) } : null;
-  });
-  buildExport(() => state.t, play, pause);
   watchKeys(actions);
   watchArena(() => state.t, () => state.followed, follow);
   watchBelief();

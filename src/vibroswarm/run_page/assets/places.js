@@ -1,5 +1,4 @@
-// Where robots believe they sampled: a dashed ghost, a disc of two standard deviations, and a line to the true place;
-// of the followed robot an ellipse too, around the smoothed place of an earlier sample.
+// Where robots believe they sampled: a dashed ghost, a disc of two standard deviations, and a line to the true place.
 
 const SPREADS = 2;
 
@@ -14,28 +13,6 @@ function placeAt(robot, t) {
   };
 }
 
-// The smoothed place of an earlier sample, as the robot knows it at its latest one; null where there is none.
-function smoothedAt(robot, t) {
-  const row = run.places?.lagged_x_m ? latestSample(robot, t) : -1;
-  if (row < 0 || Number.isNaN(run.places.lagged_x_m[row])) return null;
-  const p = run.places, of = robot.first + p.lagged_sample[row];
-  return {
-    sample: p.lagged_sample[row], x: p.lagged_x_m[row], y: p.lagged_y_m[row],
-    spreadX: p.lagged_spread_x_m[row], spreadY: p.lagged_spread_y_m[row],
-    trueX: run.samples.x_m[of], trueY: run.samples.y_m[of],
-  };
-}
-
-function drawSmoothed(context, view, place) {
-  const x = view.x(place.x), y = view.y(place.y);
-  context.strokeStyle = colours.ink;
-  context.lineWidth = 1.5;
-  context.beginPath();
-  context.ellipse(x, y, SPREADS * place.spreadX * view.scale, SPREADS * place.spreadY * view.scale, 0, 0, 2 * Math.PI);
-  context.stroke();
-  line(context, x, y, view.x(place.trueX), view.y(place.trueY));
-}
-
 function drawPlaces(context, view, t, followed) {
   if (!run.places || !layers.places) return;
   for (const robot of robots) {
@@ -45,8 +22,6 @@ function drawPlaces(context, view, t, followed) {
     drawGhost(context, view, place);
   }
   context.globalAlpha = 1;
-  const smoothed = followed && smoothedAt(followed, t);
-  if (smoothed) drawSmoothed(context, view, smoothed);
 }
 
 function drawGhost(context, view, place) {

@@ -118,9 +118,6 @@ function drawMessage(context, view, robot, pose, t, flashS) {
   context.lineWidth = 2.25;
   bitPath(context, bit, x, y, calm.matches ? r * 2.2 : r * (1.5 + 1.6 * Math.sqrt(age)));
   context.stroke();
-  const isSeen = view.toX(0) <= pose.x && pose.x <= view.toX(view.width)
-    && view.toY(view.height) <= pose.y && pose.y <= view.toY(0);
-  if (!isSeen) return void (context.globalAlpha = 1);
   context.globalAlpha = Math.min(2 - 2 * age, 1);
   const px = Math.min(view.x(pose.x) + r * 1.5 + 8, view.width - 9), py = Math.max(view.y(pose.y) - r * 1.5 - 6, 10);
   drawPip(context, px, py, 8, bit, String(bit));

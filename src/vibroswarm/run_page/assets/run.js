@@ -58,23 +58,17 @@ function mindAt(robot, t) {
   };
 }
 
-// The pose between knots k and k + 1: on a circular arc in time (trajectory_thinning.py says why).
+// The shorter way from one heading to another.
+const turn = (from, to) => to - from - 2 * Math.PI * Math.round((to - from) / (2 * Math.PI));
+
+// The pose between poses k and k + 1, on a straight line in time.
 function poseBetween(track, k, t) {
-  const last = track.time.length - 1;
-  if (k >= last) return { x: track.x[last], y: track.y[last], heading: track.heading[last] };
-  const lasting = track.time[k + 1] - track.time[k];
+  const next = Math.min(k + 1, track.time.length - 1), lasting = track.time[next] - track.time[k];
   const share = lasting > 0 ? Math.min(Math.max((t - track.time[k]) / lasting, 0), 1) : 0;
-  const turned = track.heading[k + 1] - track.heading[k];
-  const half = turned / 2;
-  const bent = Math.abs(half) > 1e-6 && Math.abs(half) <= Math.PI / 2;
-  const reach = bent ? Math.sin(half * share) / Math.sin(half) : share;
-  const tilt = bent ? half * (share - 1) : 0;
-  const dx = track.x[k + 1] - track.x[k], dy = track.y[k + 1] - track.y[k];
-  const cos = reach * Math.cos(tilt), sin = reach * Math.sin(tilt);
   return {
-    x: track.x[k] + dx * cos - dy * sin,
-    y: track.y[k] + dx * sin + dy * cos,
-    heading: track.heading[k] + turned * share,
+    x: track.x[k] + (track.x[next] - track.x[k]) * share,
+    y: track.y[k] + (track.y[next] - track.y[k]) * share,
+    heading: track.heading[k] + turn(track.heading[k], track.heading[next]) * share,
   };
 }
 
@@ -86,8 +80,7 @@ function poseAt(robot, t) {
   const pose = poseBetween(track, k, t);
   const next = Math.min(k + 1, track.time.length - 1);
   pose.kind = run.poses.kinds[track.kind[k]];
-  pose.turning = Math.sign(track.heading[next] - track.heading[k]);
-  pose.knot = k;
+  pose.turning = Math.sign(turn(track.heading[k], track.heading[next]));
   return pose;
 }
 
@@ -106,7 +99,7 @@ function hasDecided(robot, t) {
 
 // Changes of each tile that changes, [time in s, kind] in the order of time.
 const tileChanges = new Map();
-for (const [time, tile, kind] of run.floor.changes ?? []) {
+for (const [time, tile, kind] of run.floor.changes) {
   if (!tileChanges.has(tile)) tileChanges.set(tile, []);
   tileChanges.get(tile).push([time, kind]);
 }
@@ -116,13 +109,13 @@ function tileKind(tile, t) {
   return last ? last[1] : parseInt(run.floor.tiles[tile], 16);
 }
 
-const KIND_COUNT = run.kinds ?? 2; // kinds of tile, and of readings
+const KIND_COUNT = run.kinds; // kinds of tile, and of readings
 const KINDS = Array.from({ length: KIND_COUNT }, (_, kind) => kind);
 const kindWord = (kind) => (KIND_COUNT > 2 ? `kind ${kind}` : kind === 1 ? "vibrating" : "still");
 
 // Whether a place is on a patch of damage, which is not bound to tiles.
 function isPatched(x, y) {
-  return (run.floor.patches ?? []).some(([px, py, width, height, disc]) => {
+  return run.floor.patches.some(([px, py, width, height, disc]) => {
     const dx = Math.abs(x - px), dy = Math.abs(y - py);
     return disc ? Math.hypot(dx, dy) < width / 2 : dx < width / 2 && dy < height / 2;
   });
@@ -130,7 +123,7 @@ function isPatched(x, y) {
 
 // How many changes there were by a time: the floor looks the same as long as their number is the same.
 function changesBy(t) {
-  return (run.floor.changes ?? []).findLastIndex(([time]) => time <= t) + 1;
+  return run.floor.changes.findLastIndex(([time]) => time <= t) + 1;
 }
 
 // A reading is wrong when it is not what the tile under the robot was then; without a tile, or on one with a value

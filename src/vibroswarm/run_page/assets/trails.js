@@ -2,21 +2,14 @@
 
 const TRAIL_S = 25, FOLLOWED_TRAIL_S = 120, TRAIL_BANDS = 5;
 
-// Adds the path from time a to time b, through the knots between them.
+// Adds the path from time a to time b, through the poses between them.
 function tracePath(context, view, track, a, b) {
   let k = Math.max(lastAtMost(track.time, a, 0, track.time.length), 0);
   const start = poseBetween(track, k, a);
   context.moveTo(view.x(start.x), view.y(start.y));
-  for (let from = a; from < b && k < track.time.length; k++) {
-    const to = Math.min(track.time[k + 1] ?? b, b);
-    const moved = track.x[k + 1] !== track.x[k] || track.y[k + 1] !== track.y[k];
-    const steps = moved ? Math.ceil(Math.abs((track.heading[k + 1] ?? 0) - track.heading[k]) / 0.12) || 1 : 0;
-    for (let i = 1; i <= steps; i++) {
-      const pose = poseBetween(track, k, from + (to - from) * i / steps);
-      context.lineTo(view.x(pose.x), view.y(pose.y));
-    }
-    from = to;
-  }
+  for (k++; k < track.time.length && track.time[k] < b; k++) context.lineTo(view.x(track.x[k]), view.y(track.y[k]));
+  const end = poseBetween(track, k - 1, b);
+  context.lineTo(view.x(end.x), view.y(end.y));
 }
 
 function drawTrails(context, view, t, followed) {

@@ -17,7 +17,7 @@ const ratio = (share) => String(Number(share.toFixed(6)));
 
 // A decision is about the boundary: "mostly" only where that is one half.
 const ANSWERS = run.rule.answers;
-const AT_END = run.floor.changes ? " at the end" : ""; // of what is true on a floor that changes
+const AT_END = run.floor.changes.length ? " at the end" : ""; // of what is true on a floor that changes
 const DECISION_WORDS = ANSWERS
   ? { "-1": "undecided", ...ANSWERS.map((words) => `\u201c${words}\u201d`) }
   : run.rule.boundary === 0.5 ? { "-1": "undecided", 0: "mostly still", 1: "mostly vibrating" }
