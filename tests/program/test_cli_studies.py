@@ -123,13 +123,13 @@ def test_detect_says_what_is_needed(tmp_path, capsys):
     line += ["--false-alarms", "25%", "--set", "run.t_end_s=300", "--set", "decision.min_observations=30"]
     output_of(capsys, *line, "--out", tmp_path / "out")
     need = pl.read_csv(tmp_path / "out" / "needed.csv")
-    assert need["fill_ratio_share"].to_list() == [0.2, 0.2, 0.48, 0.48, 0.8, 0.8]
+    assert need["fill_ratio"].to_list() == [0.2, 0.2, 0.48, 0.48, 0.8, 0.8]
     assert need["robots"].to_list() == [2, 6, 2, 6, 2, 6]
-    assert need["false_alarm_share"].null_count() == 2  # above the boundary there are none
-    easy = need.filter((pl.col("fill_ratio_share") == 0.2) & (pl.col("robots") == 6))
+    assert need["false_alarm"].null_count() == 2  # above the boundary there are none
+    easy = need.filter((pl.col("fill_ratio") == 0.2) & (pl.col("robots") == 6))
     assert easy["needed_s"][0] < 300
-    assert easy["missed_limit_share"][0] < 0.2
-    assert need.filter(pl.col("fill_ratio_share") == 0.48)["needed_s"].null_count() == 2
+    assert easy["missed_high"][0] < 0.2
+    assert need.filter(pl.col("fill_ratio") == 0.48)["needed_s"].null_count() == 2
 
 
 @pytest.mark.slow

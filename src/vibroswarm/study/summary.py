@@ -6,21 +6,15 @@ A run failed if its source of motion gave it up; its robots count as undecided.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.atomic_io import write_files
-from vibroswarm.core.folders import about_file
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.numbers import count
-from vibroswarm.core.tables import csv_bytes, parquet_bytes
-from vibroswarm.errors import warn_once
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import numbers
 from vibroswarm.statistics.cell_summary import CellSummary, summaries_of
@@ -180,25 +174,3 @@ def _walk(of_runs: pl.DataFrame) -> dict[str, Any]:
         known = values[np.isfinite(values)] if name == "effective_samples" else values
         columns |= interval_columns(name, mean_interval(known))
     return columns
-
-
-MOST_CSV_ROWS: Final = 2**20 - 1
-"""Most rows of a table that is written as CSV: what a spreadsheet can hold below the names of columns."""
-
-
-def write_table(table: pl.DataFrame, path: Path) -> Mapping[str, Any]:
-    """Write a table as CSV and Parquet; ``path`` is without a suffix. One too long for spreadsheets is no CSV.
-
-    Returns: what a manifest says of the Parquet file, by its name.
-    Raises:
-        InputError: a file cannot be created. RunError: the disk is full or failed.
-    """
-    data = parquet_bytes(table)
-    files = {f"{path.name}.parquet": data}
-    if table.height <= MOST_CSV_ROWS:
-        files = {f"{path.name}.csv": csv_bytes(table), **files}
-    else:
-        path.with_name(f"{path.name}.csv").unlink(missing_ok=True)  # of an earlier result
-        warn_once(f"table '{path.name}' has {count(table.height, 'row')}, and is saved as Parquet only")
-    write_files(path.parent, files)
-    return {f"{path.name}.parquet": about_file(data)}
