@@ -170,8 +170,10 @@ def _shares(found: Sequence[SessionOutcome]) -> str:
     for outcome in found:
         for name, share in outcome.consensus.items():
             totals[name] = totals.get(name, 0.0) + share
+    if not totals:
+        return "not known"
     each = listed(f"{name} in {number(total, digits=3)}" for name, total in totals.items())
-    return f"{each} of {count(len(found), 'session')}" if totals else "not known"
+    return f"{each} of {count(len(found), 'session')}"
 
 
 def _row(name: str, found: SessionOutcome) -> dict[str, Any]:
