@@ -56,13 +56,14 @@ def of_import(recording: Recording, computed: Sequence[str] = ()) -> Report:
     ]
     return Report(
         title="Recording",
-        answer=(f"{count(recording.runs.height, 'session')} read.", recording.floor_words, *computed[:1]),
+        answer=(f"{count(recording.runs.height, 'session')} read.", recording.floor_words),
         parts={
             "sessions": Table(sessions, "Sessions"),
             "settings": Table(
                 pl.DataFrame(settings, infer_schema_length=None), "Settings that the logs show"
             ),
             "counts": Table(pl.DataFrame(counts), "What was read"),
+            "acceleration": Table(pl.DataFrame({"words": list(computed)}), "Energies from acceleration"),
         },
         warnings=_threshold_warnings(recording, recording.scenario),
     )
