@@ -81,7 +81,7 @@ def test_import_computes_the_energies_that_scipy_computes(
     assert main([*arguments(path, tmp_path / "lab"), "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["tables"]["acceleration"]
     assert f"{len(expected)} energies computed from" in row["words"]
-    assert f"{len(expected)} energies computed from" in (tmp_path / "lab" / "printed.json").read_text()
+    assert f"{len(expected)} energies computed from" in (tmp_path / "lab" / "report.json").read_text()
     found = Recording.read(tmp_path / "lab").rows["energy"].to_numpy()
     logged = pl.read_csv(SHIPPED / "camera.csv")["rms"].to_numpy()
     np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=1e-12)

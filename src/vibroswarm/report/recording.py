@@ -56,13 +56,14 @@ def of_import(recording: Recording, computed: Sequence[str] = ()) -> Report:
     ]
     return Report(
         title="Recording",
-        answer=(f"{count(recording.runs.height, 'session')} read.", recording.floor_words, *computed[:1]),
+        answer=(f"{count(recording.runs.height, 'session')} read.", recording.floor_words),
         parts={
             "sessions": Table(sessions, "Sessions"),
             "settings": Table(
                 pl.DataFrame(settings, infer_schema_length=None), "Settings that the logs show"
             ),
             "counts": Table(pl.DataFrame(counts), "What was read"),
+            "acceleration": Table(pl.DataFrame({"words": list(computed)}), "Energies from acceleration"),
         },
         warnings=_threshold_warnings(recording, recording.scenario),
     )
@@ -170,8 +171,10 @@ def _shares(found: Sequence[SessionOutcome]) -> str:
     for outcome in found:
         for name, share in outcome.consensus.items():
             totals[name] = totals.get(name, 0.0) + share
+    if not totals:
+        return "not known"
     each = listed(f"{name} in {number(total, digits=3)}" for name, total in totals.items())
-    return f"{each} of {count(len(found), 'session')}" if totals else "not known"
+    return f"{each} of {count(len(found), 'session')}"
 
 
 def _row(name: str, found: SessionOutcome) -> dict[str, Any]:
