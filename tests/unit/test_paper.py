@@ -136,7 +136,7 @@ def _at(corrected: bool, x: float, level: float) -> Limits:
 def test_limits_hold_the_truth_also_of_rare_events_and_of_published_means() -> None:
     random = np.random.default_rng(5)
     rare = [
-        mean("a", "paper", "x", (random.random(100) < 0.02) * 1.0, apart=1.0).limits(0.95)
+        mean("a", "paper", "x", (random.random(100) < 0.02).astype(np.float64), apart=1.0).limits(0.95)
         for _ in range(1000)
     ]
     assert np.mean([low <= 0.02 <= high for low, high in rare]) >= 0.94

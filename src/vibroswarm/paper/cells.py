@@ -23,6 +23,7 @@ from vibroswarm.statistics.intervals import columns_of as interval_columns
 from vibroswarm.statistics.intervals import mean_interval
 from vibroswarm.study.batch import WALK
 from vibroswarm.study.cells import Cell
+from vibroswarm.study.run import MOST_RUNS
 from vibroswarm.study.spec import Study
 
 Array = NDArray[np.float64]
@@ -41,7 +42,9 @@ def study(name: str, column: str) -> Study:
     """Return a study of the reproduction with the preset of a column."""
     text = files("vibroswarm.paper").joinpath("studies", f"{name}.toml").read_text(encoding="utf-8")
     values = parsed_toml(text, name)
-    return Study.from_values({**values, "scenario": {**values["scenario"], "preset": column}})
+    return Study.from_values(
+        {"runs": MOST_RUNS, **values, "scenario": {**values["scenario"], "preset": column}}
+    )
 
 
 @cache

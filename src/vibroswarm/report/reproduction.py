@@ -72,8 +72,8 @@ def _bounds(one: Decided) -> str:
 
 def _range(values: pl.DataFrame) -> str:
     if values.height > 1:
-        ends = values.select(low=pl.min("estimate"), high=pl.max("estimate")).row(0)
-        return " to ".join(f"{end:.4g}" for end in ends)
+        least, most = values.select(pl.col("estimate").min(), most=pl.col("estimate").max()).row(0)
+        return f"{least:.4g} to {most:.4g}"
     row = values.row(0, named=True)
     return f"{row['estimate']:.4g} [{row['estimate_low']:.4g}, {row['estimate_high']:.4g}]"
 
@@ -84,6 +84,7 @@ def values_table(decided: Sequence[Decided]) -> pl.DataFrame:
         one.values.select(
             pl.lit(one.claim.id).alias("claim"),
             pl.lit(one.column).alias("column"),
+            pl.lit(one.verdict).alias("verdict"),
             pl.all(),
             pl.lit(one.level).alias("level"),
             pl.lit(one.claim.unit).alias("unit"),

@@ -62,7 +62,8 @@ def compute(work: Work, made: Made) -> None:
     settings = work.settings
     assert settings.recordings is not None
     real, authors = (read_recordings(settings.recordings, names) for names in (REAL, AUTHORS))
-    sources, comparisons = {ROBOTS: real, SIMULATOR: authors}, dict[str, Comparison]()
+    sources: dict[str, Result] = {ROBOTS: real, SIMULATOR: authors}
+    comparisons = dict[str, Comparison]()
     rows: list[dict[str, Any]] = []
     for column in settings.columns:
         scenario = scenario_of(column, real_floor(), parameter_set=EMPIRICAL)

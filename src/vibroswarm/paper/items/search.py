@@ -23,6 +23,7 @@ from vibroswarm.search import (
     run_search,
     truth_of,
 )
+from vibroswarm.simulation import versions
 from vibroswarm.statistics.intervals import Interval, columns_of
 from vibroswarm.study.spec import Study
 
@@ -60,7 +61,7 @@ def search_of(settings: Settings) -> Search:
 def compute(work: Work, made: Made) -> None:
     """Search, and compare the winner and other parameters on fresh runs."""
     search, workers = search_of(work.settings), work.settings.workers
-    found = run_search(search, work.folder / "search", workers=workers)
+    found = run_search(search, work.folder / f"search-{versions()['code']}", workers=workers)
     others = [("P*", parameters("P_star")), (ELSEWHERE, search.space.values_of(preset(ELSEWHERE)))]
     truth = truth_of(found, runs=work.settings.runs, others=others, workers=workers)
     scored = {one.name: one for one in truth.others}
