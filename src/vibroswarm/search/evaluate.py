@@ -202,7 +202,7 @@ class Evaluator:
                 "figures": pl.Series(np.array(figures), dtype=pl.Array(pl.Float64, width)),
             }
         )
-        self.saved = pl.concat([self.saved, new]) if self.saved.height else new
+        self.saved = pl.concat([self.saved, new], rechunk=True) if self.saved.height else new
         make_folder(self.folder)
         write_file(self.folder / ARCHIVE, parquet_bytes(self.saved, self.about))
 
