@@ -220,4 +220,4 @@ class Evaluator:
             figures = saved["figures"].to_numpy().reshape(saved.height, len(self.cases), -1)
             rows = saved.select("purpose", "values", "run", "failed").iter_rows()
             for (*key, failed), of_run in zip(rows, figures, strict=True):
-                self.known[tuple(key)] = failed or of_run  # type: ignore[index]
+                self.known[tuple(key)] = failed or of_run
