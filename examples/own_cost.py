@@ -40,11 +40,9 @@ def main(budget: int) -> None:
     print({name: round(value, 3) for name, value in found.values.items()})
     score, start = truth.winner.score, truth.others[0].score
     print(f"believed: {truth.believed:.1f} euros an inspection")
-    print(
-        f"true:     {score.estimate:.1f} [{score.low:.1f}, {score.high:.1f}], on {truth.winner.runs.size} fresh runs"
-    )
+    print(f"true:     {score.estimate:.1f} [{score.low:.1f}, {score.high:.1f}], on {score.n} fresh runs")
     print(f"the start: {start.estimate:.1f} [{start.low:.1f}, {start.high:.1f}]")
-    print(truth.words)
+    print("true - believed: {:.1f} [{:.1f}, {:.1f}]".format(*truth.bias[:3]))
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,13 +41,9 @@ def archive_for(statistic: str = "mean", objectives: int = 1) -> Archive:
     return Archive(Space.of(BOWL), [Objective("decision_time", statistic)] * objectives)
 
 
-def steps_of(folder: Path) -> dict[str, bytes]:
-    """The recorded steps of a search, by name of the file, in order; files that are being written are hidden."""
-    return {path.name: path.read_bytes() for path in sorted((folder / "steps").glob("[0-9]*.parquet"))}
-
-
 def drive(
     method: Stage,
+    archive: Archive,
     function: Callable[[NDArray[np.float64]], float | NDArray[np.float64]],
     noise: float = 0.0,
     seed: int = 0,
@@ -58,7 +53,7 @@ def drive(
     random, runs = np.random.Generator(np.random.Philox(seed)), 0
     while asks := method.ask():
         for ask in asks:
-            candidate = method.archive[ask.key]
+            candidate = archive[ask.key]
             value = np.atleast_1d(function(candidate.point))
             shape = (ask.runs, 1, value.size)
             spread = random.exponential(1.0, shape) - 1.0 if heavy else random.normal(0.0, 1.0, shape)

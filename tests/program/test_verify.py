@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import polars as pl
 import pytest
-from vibroswarm.search.verify import verify
 
-from vibroswarm import Result, Study, preset, simulate
-from vibroswarm.cli import main
-from vibroswarm.search import verify as module
+from helpers.commands import json_of
+from vibroswarm import Study, preset
+from vibroswarm.study import verify as module
 from vibroswarm.study.batch import Task, simulate_runs
+from vibroswarm.study.verify import verify
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
-
-
-@pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("verify") / "result"
-    simulate(SHORT, 3, 4, poses=True).write(folder)
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -31,38 +23,26 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(("table", "column"), [("robots", "belief_below"), ("motion", "time_s")])
-def test_one_bit_is_seen(tmp_path: Path, result: Path, table: str, column: str) -> None:
-    """Negative control: the last bit of one number of one run is changed."""
-    read = Result.read(result)
-    frame: pl.DataFrame = getattr(read, table)
-    values = frame[column].to_numpy().copy()
-    place = int((frame["run"] == 2).arg_true()[0])
-    values.view("uint64")[place] ^= 1
-    changed = frame.with_columns(pl.Series(column, values))
-    object.__setattr__(read, table, changed)
-    read.write(tmp_path / "changed")
-    found = verify(tmp_path / "changed")
-    assert not found.holds
-    assert found.runs.filter(~found.runs["same"]).rows() == [("", 2, False, table)]
-
-
-def test_a_study_is_the_same_and_a_sample_says_how_sure_that_is(study: Path) -> None:
-    assert verify(study).runs.height == 12
-    some = verify(study, 5, seed=2)
-    assert (some.runs.height, some.saved, some.holds) == (5, 12, True)
-    assert some.share_that_differs.high == pytest.approx(0.434, abs=1e-3)  # Wilson, 0 of 5
-    assert set(some.runs["cell"]) <= {"none", "soft"}
-
-
-def test_other_runs_are_seen(
-    study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_study_is_the_same_and_a_sample_says_how_sure_that_is(
+    study: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Negative control: runs of another seed."""
+    some = verify(study.parent, 5, seed=2)
+    assert (some.runs.height, some.saved, some.holds) == (5, 12, True)
+    assert some.differing_share.high == pytest.approx(0.434, abs=1e-3)  # Wilson, 0 of 5
+    assert json_of(capsys, "verify", study, "--json")["answer"][0].startswith("Verified: 12 of 12 runs")
 
-    def with_another_seed(task: Task) -> pl.DataFrame:
-        return simulate_runs(task._replace(seed=task.seed + 1))
 
-    monkeypatch.setattr(module, "simulate_runs", with_another_seed)
-    assert main(["verify", str(study), "--runs", "3", "--json"]) == 1
-    assert len(json.loads(capsys.readouterr().out)["tables"]["differing"]) == 3
+def test_one_bit_is_seen(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Negative control: the last bit of one number."""
+
+    def changed(task: Task) -> pl.DataFrame:
+        frame = simulate_runs(task)
+        name = next(name for name, kind in frame.schema.items() if kind == pl.Float64)
+        values = frame[name].to_numpy().copy()
+        values.view("uint64")[0] ^= 1
+        return frame.with_columns(pl.Series(name, values))
+
+    monkeypatch.setattr(module, "simulate_runs", changed)
+    found = verify(study, 3)
+    assert not found.holds
+    assert all(found.runs["columns"])

@@ -22,9 +22,9 @@ def scored(search: Search, names: list[str], runs: int) -> list[Scored]:
 def test_on_random_floors_few_are_undecided_and_the_error_is_out_of_reach() -> None:
     search = Search.read(SEARCHES / "error-on-random-floors.toml")
     found, paper = scored(search, ["optimised-error", "paper"], 500)
-    assert found.near["robots_undecided"] == "within the limit of 10 %"
-    assert found.near["robot_error"].startswith("beyond the limit of 5 %")
-    assert paper.near["robots_undecided"].startswith("beyond the limit of 10 %")  # the control
+    assert found.parts["robots_undecided"].high <= 0.1
+    assert found.parts["robot_error"].low > 0.05
+    assert paper.parts["robots_undecided"].low > 0.1  # the control
     assert paired_score(search.objectives[0], found, paper).high < 0
 
 
@@ -32,8 +32,6 @@ def test_the_papers_cost_rewards_waiting() -> None:
     """What was found under it leaves more robots undecided than P*."""
     search = Search.read(SEARCHES / "error-on-random-floors.toml")
     found, paper = scored(search, ["optimised-cost", "paper"], 200)
-    assert found.parts is not None
-    assert paper.parts is not None
     assert found.parts["robots_undecided"].low > paper.parts["robots_undecided"].high
 
 

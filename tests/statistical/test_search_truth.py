@@ -26,7 +26,8 @@ def believed_too_little(noise: str, seed: int, budget: int) -> float:
     search = Search.from_toml(f"seed = {seed}\n{SMALL}\nnoise = '{noise}'").with_settings(budget=budget)
     found = run_search(search)
     assert found.archive.failed == 0
-    return truth_of(found, runs=3000).difference
+    truth = truth_of(found, runs=3000)
+    return truth.bias.estimate / truth.winner.score.estimate
 
 
 def test_the_defaults_leave_a_difference_under_10_percent() -> None:

@@ -60,6 +60,8 @@ class Archive:
         bounds = [0, *accumulate(objective.width for objective in self.objectives)]
         self.columns = [slice(first, end) for first, end in pairwise(bounds)]
         """The columns of each objective in the figures, which stand side by side."""
+        self.runs, self.failed = 0, 0
+        """Runs requested so far, and those of them that failed."""
         self._scores: dict[tuple[int, int, int], float] = {}
         self._estimates: dict[tuple[int, int], tuple[float, float]] = {}
 
@@ -68,16 +70,6 @@ class Archive:
 
     def __len__(self) -> int:
         return len(self.candidates)
-
-    @property
-    def runs(self) -> int:
-        """Runs requested so far."""
-        return sum(candidate.count for candidate in self.candidates)
-
-    @property
-    def failed(self) -> int:
-        """Runs that failed."""
-        return sum(candidate.failed for candidate in self.candidates)
 
     def new(self, point: Point, origin: str, iteration: int = 0) -> int:
         """Add a candidate at ``point``, clipped to the unit cube, and return its key."""
@@ -95,6 +87,7 @@ class Archive:
         candidate = self[key]
         candidate.count += rows.shape[0] + failed
         candidate.failed += failed
+        self.runs, self.failed = self.runs + rows.shape[0] + failed, self.failed + failed
         candidate.why = candidate.why or why
         if rows.shape[0]:
             candidate.rows.append(rows)

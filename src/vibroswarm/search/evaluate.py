@@ -202,7 +202,7 @@ class Evaluator:
                 "figures": pl.Series(np.array(figures), dtype=pl.Array(pl.Float64, width)),
             }
         )
-        self.saved = pl.concat([self.saved, new]) if self.saved.height else new
+        self.saved = pl.concat([self.saved, new], rechunk=True) if self.saved.height else new
         make_folder(self.folder)
         write_file(self.folder / ARCHIVE, parquet_bytes(self.saved, self.about))
 
@@ -220,4 +220,4 @@ class Evaluator:
             figures = saved["figures"].to_numpy().reshape(saved.height, len(self.cases), -1)
             rows = saved.select("purpose", "values", "run", "failed").iter_rows()
             for (*key, failed), of_run in zip(rows, figures, strict=True):
-                self.known[tuple(key)] = failed or of_run  # type: ignore[index]
+                self.known[tuple(key)] = failed or of_run
