@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from vibroswarm.search.race import Race, allocate
 
 from helpers import search_functions as functions
 from vibroswarm.search.loop import _Final
