@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 from PIL import ExifTags, Image
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.io import is_picture, read_tiles, write_tiles
+from vibroswarm.floors.io import read_tiles, write_tiles
 from vibroswarm.floors.source import pattern
 
 grids = hnp.arrays(
@@ -154,7 +154,6 @@ def test_a_picture_with_two_levels_is_split_between_them(file, pixels, kind):
     path = file(png(pixels, kind))
     assert np.array_equal(read_tiles(path, (10, 10)), MASK)
     assert MASK.sum() == 48
-    assert is_picture(path)
 
 
 def test_what_is_not_two_levels_is_compared_with_one_half(file, caplog):

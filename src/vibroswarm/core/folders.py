@@ -28,7 +28,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from vibroswarm.core.atomic_io import MANIFEST, write_files
+from vibroswarm.core.atomic_io import MANIFEST
 from vibroswarm.core.untrusted_files import read_json
 from vibroswarm.errors import InputError
 
@@ -93,41 +93,6 @@ def kind_of(folder: Path) -> str | None:
 def about_file(data: bytes) -> dict[str, Any]:
     """Return what a manifest says of a file: its size and SHA-256."""
     return {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-
-
-def write_described(
-    folder: Path, name: str, kind: str, tables: Mapping[str, bytes], **values: Any
-) -> dict[str, Path]:
-    """Write tables with their description, which comes last; make the folder if needed.
-
-    Args:
-        name: beginning of the files' names. kind: of the description.
-        tables: Parquet files as bytes, by table; the first is the main table.
-        values: what else the description says.
-    Returns: the path of each table.
-    Raises:
-        InputError: a file cannot be created. RunError: the disk is full or failed.
-    """
-    names = {
-        table: f"{name}.parquet" if k == 0 else f"{name}.{table}.parquet" for k, table in enumerate(tables)
-    }
-    files = {names[table]: {"table": table, **about_file(data)} for table, data in tables.items()}
-    contents = {names[table]: data for table, data in tables.items()}
-    write_files(folder, contents | {f"{name}.json": manifest_text(kind, **values, files=files)})
-    return {table: folder / file for table, file in names.items()}
-
-
-def read_described(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, Path]]:
-    """Read the description of tables; check SHA-256 of their files, which lie beside it.
-
-    Args:
-        path: of the description, or the folder whose manifest it is. kind: of the description.
-    Returns: the values of the description, and the path of each table.
-    Raises:
-        InputError: the description cannot be read, or a file is missing or damaged.
-    """
-    values = read_manifest(path, kind)
-    return values, check_files(values, path)
 
 
 def check_files(values: Mapping[str, Any], path: Path) -> dict[str, Path]:

@@ -196,11 +196,6 @@ def first_of(shown: int, total: int, thing: str) -> str:
     return f"the first {shown} of {count(total, thing)}" if shown < total else ""
 
 
-def drawn_of(shown: int, total: int, thing: str) -> str:
-    """Write what the title of one of several figures adds if not all are drawn: `` (drawn: 6 of 9 floors)``."""
-    return f" (drawn: {shown} of {count(total, thing)})" if shown < total else ""
-
-
 def count_of(done: int, wanted: int, thing: str) -> str:
     """Write how many of some things are done: ``10 of 1,000 runs (1 %)``; 100 % only if all are."""
     return f"{whole(done)} of {count(wanted, thing)} ({100 * done // max(wanted, 1)} %)"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any, NamedTuple
 
 
 class Stages(NamedTuple):
@@ -14,12 +14,3 @@ class Stages(NamedTuple):
     """A stage that counts runs; its progress is a ``study.run.StudyProgress``."""
     share: Callable[[str], AbstractContextManager[Callable[[float], None]]]
     """A stage whose progress is a share, 0 to 1."""
-
-
-@contextmanager
-def _silent(what: str) -> Iterator[Callable[[Any], None]]:
-    yield lambda now: None
-
-
-SILENT: Final = Stages(_silent, _silent)
-"""Stages that show nothing."""

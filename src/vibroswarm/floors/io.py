@@ -180,15 +180,6 @@ _Grey = tuple[Any, int]
 """The grey level of each pixel, integers of shape (height, width), and the level of white."""
 
 
-def is_picture(path: Path | str) -> bool:
-    """Return whether a file is a picture that can be read, by its first bytes; False if it cannot be opened."""
-    try:
-        with Path(path).open("rb") as file:
-            return file.read(16).startswith(PICTURES)
-    except (OSError, ValueError):  # ValueError: the name holds a NUL
-        return False
-
-
 def check_threshold(threshold: float, field: str = "--image-threshold") -> None:
     """Refuse a threshold of brightness that is not above 0 and below 1; ``field`` names it in the message."""
     number_of(threshold, field, math.nextafter(0.0, 1.0), math.nextafter(1.0, 0.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 from vibroswarm.plots.layout import few_ticks, new_figure, to_scale
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import COLOUR_MAP, INK, PAPER, style_named
-
-MOST_ACROSS: Final = 6
-"""Most maps side by side."""
 
 
 @drawn

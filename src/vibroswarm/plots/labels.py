@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from vibroswarm.plots.layout import number
-
 
 class Label(NamedTuple):
     """A field's words, symbol (empty: none) and unit (empty: none)."""
@@ -76,9 +74,3 @@ def label_of(field: str) -> Label:
         if name.endswith(suffix):
             return Label(name.removesuffix(suffix).replace("_", " "), "", unit)
     return Label(name.replace("_", " "))
-
-
-def setting_words(field: str, value: object) -> str:
-    """Write a value of a field for a label: ``γ₀ 4000``, ``κ 2``."""
-    text = number(value, 4) if isinstance(value, float) else str(value)
-    return f"{label_of(field).short} {text}"

@@ -281,18 +281,6 @@ def draw_run(result: Result, run: int = 0, *, caption: str = "", style: str = "c
     return Picture(run_figure(result, run), samples, caption or f"Floor, paths and samples of run {run}.")
 
 
-def write_run_picture(result: Result, path: Path, run: int = 0) -> None:
-    """Write the picture of one run (see ``run_figure``) to the file ``path``, in the format of its suffix.
-
-    The suffix is .png, .svg or .pdf. ``run`` is the number of the run in ``result``. An existing file is replaced.
-
-    Raises:
-        InputError: the path has another suffix, its folder cannot be written, or there is no such run.
-        RunError: the disk is full or failed.
-    """
-    save_figure(lambda: run_figure(result, run), path)
-
-
 ACROSS: Final = 4
 """Most maps side by side."""
 MOST_MAPS: Final = 11

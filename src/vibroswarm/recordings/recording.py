@@ -97,11 +97,6 @@ class Recording(Result):
         """
         return bool(self.inference.drop("message").null_count().sum_horizontal()[0] == 0)
 
-    @property
-    def counts_messages(self) -> bool:
-        """Whether the logs of all sessions count, in every row, the messages that robots received."""
-        return not self.inference["messages_received"].null_count()
-
     def knows(self, *names: str) -> bool:
         """Return whether user or logs stated these fields of the scenario, or the logs show them."""
         shown = {one["name"] for one in self.inferred if one["value"] is not None}

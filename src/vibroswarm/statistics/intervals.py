@@ -90,14 +90,6 @@ def columns_of(name: str, found: Sequence[Any]) -> dict[str, Any]:
     return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), found, strict=False)}
 
 
-def finite_limits(found: Interval | None) -> dict[str, float] | None:
-    """Return estimate, low and high for JSON, without those that are not finite; None if there is no interval."""
-    if found is None:
-        return None
-    values = {"estimate": found.estimate, "low": found.low, "high": found.high}
-    return {name: value for name, value in values.items() if math.isfinite(value)}
-
-
 def jackknife_error(without: ArrayLike) -> float:
     """Return the standard error of an estimate, from the estimates without each unit (or group of units) in turn."""
     left_out = np.asarray(without, dtype=np.float64)

@@ -59,14 +59,6 @@ class Detection:
         least = min(self.error, self.false_alarms)
         return next(n for n in count(1) if float(wilson_limits(0, n, 0.95)[1]) < least)
 
-    @property
-    def most_wrong(self) -> tuple[int, int]:
-        """Most runs of a fill ratio that may be missed, and most that may be false alarms, to show that both are rare
-        enough."""
-        upper = wilson_limits(range(self.runs + 1), self.runs, 0.95)[1]
-        missed, alarms = (int((upper < tolerated).sum()) - 1 for tolerated in (self.error, self.false_alarms))
-        return missed, alarms
-
 
 def detection_study(
     scenario: Scenario,

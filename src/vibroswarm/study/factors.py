@@ -20,8 +20,6 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any, Final
 
-import numpy as np
-
 from vibroswarm.core.numbers import number, rounded
 from vibroswarm.errors import InputError, check_kind, check_known_keys, number_of, whole_number_of
 from vibroswarm.scenario import plugins
@@ -67,16 +65,6 @@ def _points_in(name: str, block: Any) -> list[Point]:
     check_kind(block, Mapping, name, "a table of fields and their values")
     values = {field: _values(field, given) for field, given in fields_in(block, name).items()}
     return [dict(zip(values, each, strict=True)) for each in product(*values.values())]
-
-
-def sobol_points(rng: np.random.Generator, count: int, dimensions: int) -> np.ndarray[Any, Any]:
-    """Return the first ``count`` points of a scrambled Sobol sequence in the unit cube, (count, dimensions)."""
-    from scipy.stats import qmc
-
-    power_of_two = (
-        1 << (count - 1).bit_length()
-    )  # of other numbers SciPy warns; the first points are the same
-    return np.asarray(qmc.Sobol(dimensions, scramble=True, rng=rng).random(power_of_two)[:count])
 
 
 def fields_in(block: Mapping[str, Any], name: str, may_have: tuple[str, ...] = ()) -> dict[str, Any]:
