@@ -86,10 +86,7 @@ def check_hash_and_plan(name: str) -> None:
     one, other = pair(name)
     assert one.hash != other.hash, name
     assert one.to_toml() != other.to_toml(), f"{name}: what a worker is given, and what is kept by its text"
-    pieces = {
-        Piece(cases=(each.to_toml(),), values=(), seed=1, motion="event", first=0, last=1)
-        for each in (one, other)
-    }
+    pieces = {Piece("", "", (0,), 1, "event", (each.to_toml(),), ()) for each in (one, other)}
     assert len(pieces) == 2, name
     if value_of(one, name) is None:  # it cannot be said in a grid
         return

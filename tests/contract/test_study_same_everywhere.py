@@ -103,7 +103,7 @@ def test_parts_are_joined_by_copying(alone: Runs, tmp_path: Path) -> None:
         shutil.copytree(tmp_path / f"part {k}" / FOLDER, tmp_path / "whole" / FOLDER, dirs_exist_ok=True)
     progress: list[StudyProgress] = []
     assert_same(STUDY.run(tmp_path / "whole", progress=progress.append), alone)
-    assert progress == [StudyProgress(0, 0)], "nothing is left to do"
+    assert all(one.wanted == 0 for one in progress), "nothing is left to do"
 
 
 class Backwards(ThreadPoolExecutor):

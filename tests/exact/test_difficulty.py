@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from vibroswarm.paper.difficulty_table import paper_table
 
 from vibroswarm.floors.difficulty import (
     cluster_sizes,
@@ -17,6 +16,7 @@ from vibroswarm.floors.difficulty import (
     measure,
     moran_index,
 )
+from vibroswarm.paper.items.difficulty import paper_table
 
 grids = hnp.arrays(
     np.uint8, hnp.array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=7), elements=st.integers(0, 1)

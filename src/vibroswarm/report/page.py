@@ -13,10 +13,11 @@ import polars as pl
 
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.report.format import MARKS, text_table
-from vibroswarm.report.report import Figure, Report
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+
+    from vibroswarm.report.report import Figure, Report
 
 ROWS_UP_TO: Final = 200
 """Most rows of a table; its CSV has all."""
@@ -56,7 +57,7 @@ def _templates() -> Environment:
         "drawing": _drawing,
         "written": lambda table: text_table(table.frame.head(ROWS_UP_TO), table.titles),
     }
-    templates.tests["figure"] = lambda part: isinstance(part, Figure)
+    templates.tests["figure"] = lambda part: hasattr(part, "draw")
     templates.globals |= {"marks": MARKS, "rows_up_to": ROWS_UP_TO, "style": _asset("page.css")}
     return templates
 
