@@ -232,8 +232,7 @@ class _Search:
 def _without_spare(places: Sequence[Sequence[Floats]]) -> Sequence[Sequence[Floats]]:
     """Leave out a print that lies still while another one of the same number moves.
 
-    It lies where a marker is in more of the frames with several than anywhere else, and those elsewhere move by more
-    than a marker's edge.
+    It lies where a marker is in nine of ten frames with several, and those elsewhere move by more than a marker's edge.
 
     Args:
         places: corners, (4, 2), px, at each place of each frame.
@@ -248,7 +247,8 @@ def _without_spare(places: Sequence[Sequence[Floats]]) -> Sequence[Sequence[Floa
     often = [int(sum(own.any() for own in each)) for each in near]
     still = int(np.argmax(often))
     moving = np.concatenate([own[~close] for own, close in zip(middles, near[still], strict=True)])
-    if often.count(often[still]) > 1 or float(np.ptp(moving, axis=0).max()) < 4.0 * reach:
+    is_still = often[still] > 0.9 * len(several) and often.count(often[still]) == 1
+    if not is_still or float(np.ptp(moving, axis=0).max()) < 4.0 * reach:
         return places
     spare = first[still].mean(axis=0)
     return [[four for four in own if np.linalg.norm(four.mean(axis=0) - spare) >= reach] for own in places]
