@@ -43,8 +43,8 @@ def draw_outcomes(
         interval: what that interval is, for the caption. unit: what is counted, "run" or "robot".
         title: above the picture. style: "column", "page" or "slide".
 
-    Returns: the picture; its numbers are ``cell``, ``runs`` (a count), ``right, wrong, split, incomplete,
-        truth_undefined`` (shares; null: the cell has no runs) and ``right_low, right_high``.
+    Returns: the picture; its numbers are ``cell``, ``runs`` (a count), the shares of the outcomes (null: the cell has no
+        runs), and ``right_low`` and ``right_high``.
     Raises:
         InputError: the frame is not as described.
     """
