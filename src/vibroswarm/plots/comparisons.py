@@ -43,8 +43,8 @@ def draw_outcomes(
         interval: what that interval is, for the caption. unit: what is counted, "run" or "robot".
         title: above the picture. style: "column", "page" or "slide".
 
-    Returns: the picture; its numbers are ``cell``, ``runs`` (a count), ``right, wrong, split, incomplete,
-        truth_undefined`` (shares; null: the cell has no runs) and ``right_low, right_high``.
+    Returns: the picture; its numbers are ``cell``, ``runs`` (a count), the shares of the outcomes (null: the cell has
+        no runs), and ``right_low`` and ``right_high``.
     Raises:
         InputError: the frame is not as described.
     """
@@ -61,7 +61,8 @@ def draw_outcomes(
     rows.axes.set_xlim(0, 1)
     percent_axis(rows.axes.xaxis)
     looks = [Look(OUTCOMES[kind], "", (0, ()), OUTCOME_HATCHES[kind], hollow=False) for kind in seen]
-    names = [f"{kind.replace('_', ' ')}{'' if unit == 'run' else f' ({unit}s)'}" for kind in seen]
+    words = {"incomplete": "undecided", "truth_undefined": "truth undefined"}
+    names = [f"{words.get(kind, kind)}{'' if unit == 'run' else f' ({unit}s)'}" for kind in seen]
     legend_below(rows.figure, rows.style, [patch_handle(look) for look in looks], names)
     caption = f"What became of the {unit}s, by cell: {of_runs([int(runs) for runs in frame['runs']], unit)}."
     if frame["right_low"].is_not_null().any():

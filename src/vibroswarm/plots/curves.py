@@ -52,8 +52,8 @@ def draw_incidence(
         t_end: time to which the curves are continued level, s; None, or an earlier time: the last time of the frame.
         title: above the picture. style: "column", "page" or "slide".
 
-    Returns: the picture; its numbers are ``series, time_s, right, right_low, right_high, wrong, wrong_low,
-        wrong_high``, at the times that are drawn: at most ``STEPS_UP_TO`` for each series.
+    Returns: the picture; its numbers are the columns of the frame, at the times that are drawn: at most ``STEPS_UP_TO``
+        for each series.
     Raises:
         InputError: the frame is not as described.
     """

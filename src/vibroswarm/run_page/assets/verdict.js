@@ -5,8 +5,7 @@ const SIGNS = {
   incomplete: "M5 3h10M5 17h10M6 3c0 7 8 7 8 14M14 3c0 7-8 7-8 14", truth_undefined: "M4 8h12M4 13h12", estimates: "M4 8c4-4 8 4 12 0M4 13c4-4 8 4 12 0",
 };
 const BADGES = {
-  right: "Consensus, right", wrong: "Consensus, wrong", split: "No consensus: split",
-  incomplete: "No consensus: undecided", truth_undefined: "Consensus", estimates: "Estimates",
+  right: "Right", wrong: "Wrong", split: "Split", incomplete: "Undecided", truth_undefined: "Consensus", estimates: "Estimates",
 };
 
 function byDecision(decision) {
