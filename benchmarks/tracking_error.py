@@ -20,9 +20,9 @@ import polars as pl
 from helpers.rehearsal import write_rehearsal
 from helpers.scene import Look
 from vibroswarm import preset, simulate
-from vibroswarm.tracking.camera import Lens, lens_from_chessboard
-from vibroswarm.tracking.markers import Markers, usual_markers
-from vibroswarm.tracking.track import Tracking, read_robot_log, track, with_positions
+from vibroswarm.lab.tracking.camera import Lens, lens_from_chessboard
+from vibroswarm.lab.tracking.markers import Markers, usual_markers
+from vibroswarm.lab.tracking.track import Tracking, read_robot_log, track, with_positions
 
 RATE, OFFSET_S = 15.0, 12.345
 

@@ -106,7 +106,7 @@ def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def one_focal_length(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cameras are fitted from one focal length in place of four, half of the time of tracking a few pictures."""
-    monkeypatch.setattr("vibroswarm.tracking.camera.FOCAL_STARTS", (1.2,))
+    monkeypatch.setattr("vibroswarm.lab.tracking.camera.FOCAL_STARTS", (1.2,))
 
 
 @pytest.fixture(autouse=True)

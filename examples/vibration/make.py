@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.floors.floor import place_of
-from vibroswarm.recordings.spectrum import acceleration_frame
+from vibroswarm.lab.recordings.spectrum import acceleration_frame
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples
 from vibroswarm.sensors.acceleration import accelerations

@@ -10,8 +10,8 @@ import pytest
 from scipy import stats
 from scipy.spatial.distance import cdist
 
-from vibroswarm.calibrate.classifier import recognised
-from vibroswarm.calibrate.compare import (
+from vibroswarm.lab.calibrate.classifier import recognised
+from vibroswarm.lab.calibrate.compare import (
     at_equal_counts,
     ceiling,
     compare_feature,
@@ -19,8 +19,8 @@ from vibroswarm.calibrate.compare import (
     mean_distance,
     null_similarity,
 )
-from vibroswarm.calibrate.features import FEATURES, histogram, shapeless, values_of
-from vibroswarm.calibrate.samples import by_session, sample_table
+from vibroswarm.lab.calibrate.features import FEATURES, histogram, shapeless, values_of
+from vibroswarm.lab.calibrate.samples import by_session, sample_table
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 

@@ -13,16 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
-from vibroswarm.tracking.camera import (
+from vibroswarm.lab.tracking.camera import (
     Camera,
     Lens,
     fit_camera,
     matrix_of,
     outwards,
 )
-from vibroswarm.tracking.markers import corners_at, read_markers, usual_markers
-from vibroswarm.tracking.stops import clock_offset, stops_of
-from vibroswarm.tracking.track import PLACES_M
+from vibroswarm.lab.tracking.markers import corners_at, read_markers, usual_markers
+from vibroswarm.lab.tracking.stops import clock_offset, stops_of
+from vibroswarm.lab.tracking.track import PLACES_M
 
 cv2 = pytest.importorskip("cv2")
 SIZE = (1280, 960)

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vibroswarm.tracking.markers import Markers, dictionary_of, usual_markers
+from vibroswarm.lab.tracking.markers import Markers, dictionary_of, usual_markers
 
 PX_PER_M, SIZE, RATE = 480.0, (640, 520), 10.0
 ORIGIN_PX = (80.0, 500.0)

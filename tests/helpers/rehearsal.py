@@ -21,9 +21,9 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
+from vibroswarm.lab.tracking import opencv
+from vibroswarm.lab.tracking.markers import Markers
 from vibroswarm.result import Result
-from vibroswarm.tracking import opencv
-from vibroswarm.tracking.markers import Markers
 
 Floats = NDArray[np.float64]
 

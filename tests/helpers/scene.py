@@ -21,10 +21,10 @@ from helpers.fisheye import Fisheye, overhead
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.lab.tracking import opencv
+from vibroswarm.lab.tracking.markers import Markers, corners_at, dictionary_of
 from vibroswarm.motion.pose import pose
 from vibroswarm.result import Result
-from vibroswarm.tracking import opencv
-from vibroswarm.tracking.markers import Markers, corners_at, dictionary_of
 
 Floats = NDArray[np.float64]
 Gray = NDArray[np.uint8]

@@ -7,8 +7,8 @@ from types import TracebackType
 from typing import Final
 
 from vibroswarm.errors import RunError
-from vibroswarm.tracking import opencv
-from vibroswarm.tracking.video_file import Gray
+from vibroswarm.lab.tracking import opencv
+from vibroswarm.lab.tracking.video_file import Gray
 
 CODECS: Final = {".avi": "MJPG", ".mp4": "mp4v"}
 """The codec of a video that is written, by its suffix; both are in OpenCV's own wheel."""

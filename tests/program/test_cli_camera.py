@@ -15,11 +15,11 @@ from helpers.rehearsal import write_rehearsal
 from helpers.scene import Look
 from vibroswarm import preset, simulate
 from vibroswarm.cli import lab_track
-from vibroswarm.recordings.recording import Recording
+from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.lab.tracking.camera import square_of
+from vibroswarm.lab.tracking.markers import read_markers, usual_markers
+from vibroswarm.lab.tracking.track import Tracking, track
 from vibroswarm.result import Result
-from vibroswarm.tracking.camera import square_of
-from vibroswarm.tracking.markers import read_markers, usual_markers
-from vibroswarm.tracking.track import Tracking, track
 
 pytest.importorskip("cv2")
 pytestmark = pytest.mark.slow

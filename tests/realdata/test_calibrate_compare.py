@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vibroswarm.calibrate.compare import Comparison, compare
-from vibroswarm.calibrate.session_statistics import figures_of
-from vibroswarm.recordings.recording import Recording
+from vibroswarm.lab.calibrate.compare import Comparison, compare
+from vibroswarm.lab.calibrate.session_statistics import figures_of
+from vibroswarm.lab.recordings.recording import Recording
 
 pytest.importorskip("sklearn", reason="scikit-learn is not installed: pip install 'vibroswarm[lab]'")
 

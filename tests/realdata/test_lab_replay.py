@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import pytest
 
-from vibroswarm.recordings.recording import Recording
-from vibroswarm.recordings.replay import logged_outcomes, replay_recording, session_outcomes
+from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.lab.recordings.replay import logged_outcomes, replay_recording, session_outcomes
 
 
 def test_as_they_ran_they_decide_as_they_did(real: Recording) -> None:

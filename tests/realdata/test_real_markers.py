@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vibroswarm.tracking.marker_detection import detect
-from vibroswarm.tracking.markers import Markers
-from vibroswarm.tracking.video_file import frames_of
+from vibroswarm.lab.tracking.marker_detection import detect
+from vibroswarm.lab.tracking.markers import Markers
+from vibroswarm.lab.tracking.video_file import frames_of
 
 cv2 = pytest.importorskip("cv2")
 Floats = NDArray[np.float64]

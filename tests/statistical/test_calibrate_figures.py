@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from helpers.recordings import write_log
-from vibroswarm.calibrate.drive import drive_table
-from vibroswarm.calibrate.few_groups import drawn_means, drawn_variances
-from vibroswarm.calibrate.samples import sample_table
-from vibroswarm.calibrate.session_statistics import FIGURES, _of_drives, figures_of
-from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.read import read_log
+from vibroswarm.lab.calibrate.drive import drive_table
+from vibroswarm.lab.calibrate.few_groups import drawn_means, drawn_variances
+from vibroswarm.lab.calibrate.samples import sample_table
+from vibroswarm.lab.calibrate.session_statistics import FIGURES, _of_drives, figures_of
+from vibroswarm.lab.recordings.assemble_recording import recording_of
+from vibroswarm.lab.recordings.read import read_log
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate

@@ -10,22 +10,22 @@ import polars as pl
 import pytest
 from scipy.stats import binom
 
-from vibroswarm.calibrate import fit as fit_module
-from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
-from vibroswarm.calibrate.cross_validation import on_floor
-from vibroswarm.calibrate.dataset import Dataset, dataset_of
-from vibroswarm.calibrate.drive import course_of, line_of
-from vibroswarm.calibrate.few_groups import limits_of, limits_of_bootstrap
-from vibroswarm.calibrate.fit_avoidance import (
+from vibroswarm.floors.floor import Floor
+from vibroswarm.lab.calibrate import fit as fit_module
+from vibroswarm.lab.calibrate.camera import RIGHT, Camera, seen_through
+from vibroswarm.lab.calibrate.cross_validation import on_floor
+from vibroswarm.lab.calibrate.dataset import Dataset, dataset_of
+from vibroswarm.lab.calibrate.drive import course_of, line_of
+from vibroswarm.lab.calibrate.few_groups import limits_of, limits_of_bootstrap
+from vibroswarm.lab.calibrate.fit_avoidance import (
     PRIOR,
     SUMMARIES,
     posterior,
 )
-from vibroswarm.calibrate.fit_camera import fit_camera
-from vibroswarm.calibrate.fit_drive import _slow_share, fit_drive
-from vibroswarm.calibrate.fit_rays import fit_rays
-from vibroswarm.calibrate.fit_sensor import DRAWS, SCALED, SPREADS, _Between, fit_sensor
-from vibroswarm.floors.floor import Floor
+from vibroswarm.lab.calibrate.fit_camera import fit_camera
+from vibroswarm.lab.calibrate.fit_drive import _slow_share, fit_drive
+from vibroswarm.lab.calibrate.fit_rays import fit_rays
+from vibroswarm.lab.calibrate.fit_sensor import DRAWS, SCALED, SPREADS, _Between, fit_sensor
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate

@@ -14,7 +14,6 @@ from scipy.stats import binom
 
 from helpers.inspections import drawn_samples
 from vibroswarm import preset, simulate
-from vibroswarm.calibrate.dataset import dataset_of
 from vibroswarm.inspection.checks import law_checks
 from vibroswarm.inspection.damage import drawn_parts, drawn_values, ratios_at, squares_at
 from vibroswarm.inspection.inspection import inspect
@@ -26,6 +25,7 @@ from vibroswarm.inspection.scan import drawn_statistics, p_value
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.stopping import Question, risk_curve, statistic_for
 from vibroswarm.inspection.tile_map import tile_map
+from vibroswarm.lab.calibrate.dataset import dataset_of
 from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.statistics.map_scores import calibration, map_scores
 

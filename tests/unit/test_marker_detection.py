@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vibroswarm.tracking import marker_detection
-from vibroswarm.tracking.marker_detection import detect
-from vibroswarm.tracking.markers import DICTIONARIES, Markers, first_corner, read_markers
-from vibroswarm.tracking.video_file import frames_of
+from vibroswarm.lab.tracking import marker_detection
+from vibroswarm.lab.tracking.marker_detection import detect
+from vibroswarm.lab.tracking.markers import DICTIONARIES, Markers, first_corner, read_markers
+from vibroswarm.lab.tracking.video_file import frames_of
 
 cv2 = pytest.importorskip("cv2")
 drawn = pytest.importorskip("helpers.drawn_video")

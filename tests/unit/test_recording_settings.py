@@ -10,10 +10,10 @@ import polars as pl
 import pytest
 
 from helpers.recordings import write_log
-from vibroswarm.recordings.infer import (
+from vibroswarm.lab.recordings.infer import (
     infer_settings,
 )
-from vibroswarm.recordings.read import read_log
+from vibroswarm.lab.recordings.read import read_log
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 

@@ -39,9 +39,9 @@ def compare(
     examples:
       vibroswarm calibrate compare lab simulated --json
     """
-    from vibroswarm.calibrate.camera import RIGHT
-    from vibroswarm.calibrate.compare import compare
-    from vibroswarm.recordings.recording import read_result
+    from vibroswarm.lab.calibrate.camera import RIGHT
+    from vibroswarm.lab.calibrate.compare import compare
+    from vibroswarm.lab.recordings.recording import read_result
 
     claim(output, "calibrate compare", str(real), str(simulated), no_camera)
     results = read_result(real), read_result(simulated)
@@ -56,8 +56,8 @@ def figures(
     json: Json = False,
 ) -> None:
     """Figures of one or more results (each run is a session) with 95 % intervals over sessions."""
-    from vibroswarm.calibrate.session_statistics import figures_of
-    from vibroswarm.recordings.recording import read_result
+    from vibroswarm.lab.calibrate.session_statistics import figures_of
+    from vibroswarm.lab.recordings.recording import read_result
     from vibroswarm.report.calibration import of_figures
 
     results = {str(folder): read_result(folder) for folder in folders}
@@ -91,11 +91,11 @@ def fit(
       vibroswarm calibrate fit lab --out mine.toml
       vibroswarm calibrate fit lab --folds
     """
-    from vibroswarm.calibrate.cross_validation import folds as validated
-    from vibroswarm.calibrate.dataset import dataset_of
-    from vibroswarm.calibrate.fit import contradictions
-    from vibroswarm.calibrate.fit import fit as fitted_to
-    from vibroswarm.recordings.recording import read_result
+    from vibroswarm.lab.calibrate.cross_validation import folds as validated
+    from vibroswarm.lab.calibrate.dataset import dataset_of
+    from vibroswarm.lab.calibrate.fit import contradictions
+    from vibroswarm.lab.calibrate.fit import fit as fitted_to
+    from vibroswarm.lab.recordings.recording import read_result
 
     refuse(out is None and force, "--force", "has no effect without --out FILE")
     if out is not None and not force:

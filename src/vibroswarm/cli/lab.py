@@ -20,7 +20,7 @@ from vibroswarm.core.atomic_io import check_free, write_file
 from vibroswarm.errors import check_choice, named
 
 if TYPE_CHECKING:
-    from vibroswarm.recordings.log import Log
+    from vibroswarm.lab.recordings.log import Log
     from vibroswarm.scenario.scenario import Scenario
 
 Folder = Annotated[Path, Option("folder of a recording (lab import)", "DIR")]
@@ -56,7 +56,7 @@ def import_logs(
       vibroswarm lab import camera.csv --columns columns.toml --floor world.txt --tiles 5x5 --out lab
       vibroswarm lab import tracked-1 tracked-2 --floor world.txt --tiles 5x5 --out lab
     """
-    from vibroswarm.recordings.assemble_recording import recording_of
+    from vibroswarm.lab.recordings.assemble_recording import recording_of
     from vibroswarm.report.recording import of_import, write_pages
     from vibroswarm.study.options import check_one_floor, stated_fields
 
@@ -91,9 +91,9 @@ def _logs_of(
         The logs; for each log a sentence about its computed energies (an empty list without ``--acceleration``); and
         the content of each file that was read, by which a repeated import of the same files is recognised.
     """
-    from vibroswarm.recordings.acceleration import with_energies
-    from vibroswarm.recordings.read import CAMERA_LOG, read_log
-    from vibroswarm.recordings.read_tables import files_of
+    from vibroswarm.lab.recordings.acceleration import with_energies
+    from vibroswarm.lab.recordings.read import CAMERA_LOG, read_log
+    from vibroswarm.lab.recordings.read_tables import files_of
 
     logs, computed = with_energies(
         [read_log(path, reader, columns) for path in paths], scenario, acceleration
@@ -118,8 +118,8 @@ def export(
     force: Force = False,
 ) -> None:
     """Write the tables of a result (run --out) or recording as CSV."""
-    from vibroswarm.recordings.export import write_csv
-    from vibroswarm.recordings.recording import read_result
+    from vibroswarm.lab.recordings.export import write_csv
+    from vibroswarm.lab.recordings.recording import read_result
 
     write_csv(read_result(folder), out, replace=force)
     print_saved_file(out)
@@ -165,8 +165,8 @@ def replay(
       vibroswarm lab replay day2 --strategy places --laws day1.toml --set strategy.places.edge_reach_m=0.01
     """
     from vibroswarm.inspection.laws import law_named, with_law
-    from vibroswarm.recordings.recording import Recording
-    from vibroswarm.recordings.replay import replay_strategies, replayed_settings
+    from vibroswarm.lab.recordings.recording import Recording
+    from vibroswarm.lab.recordings.replay import replay_strategies, replayed_settings
     from vibroswarm.study.options import chosen
 
     for name in strategy:
@@ -212,8 +212,8 @@ def threshold(
       vibroswarm lab threshold lab --law law.toml       then: vibroswarm inspect other --laws law.toml
     """
     from vibroswarm.inspection.laws import law_of_recordings, law_table, write_law
-    from vibroswarm.recordings.recording import Recording
-    from vibroswarm.recordings.threshold import recommend
+    from vibroswarm.lab.recordings.recording import Recording
+    from vibroswarm.lab.recordings.threshold import recommend
 
     _check_scenario_files(out, law, base, force=force)
     recording = Recording.read(folder)
@@ -283,7 +283,7 @@ def spectrum(
       vibroswarm lab spectrum acceleration.csv --axis z --by tile --out spectrum
     """
     from vibroswarm.floors.io import parse_tiles
-    from vibroswarm.recordings.spectrum import Group, spectra_frame, spectra_of
+    from vibroswarm.lab.recordings.spectrum import Group, spectra_frame, spectra_of
 
     groups = tuple(part.strip() for part in by.split(",") if part.strip())
     for group in groups:

@@ -18,9 +18,9 @@ from vibroswarm.errors import named
 if TYPE_CHECKING:
     import polars as pl
 
+    from vibroswarm.lab.tracking.markers import Markers
+    from vibroswarm.lab.tracking.track import Tracking
     from vibroswarm.scenario.scenario import Scenario
-    from vibroswarm.tracking.markers import Markers
-    from vibroswarm.tracking.track import Tracking
 
 BOARD = (9, 6)
 """Default number of inner corners of a chessboard, across and down."""
@@ -59,7 +59,7 @@ class MarkerOptions:
             InputError: with ids, the size or the height is missing; with a file, one of them is given; or the file or
                 the ids are wrong.
         """
-        from vibroswarm.tracking.markers import read_markers, usual_markers
+        from vibroswarm.lab.tracking.markers import read_markers, usual_markers
 
         size_mm, height_mm = self.marker_size, self.marker_height
         measured = {"--marker-size": size_mm, "--marker-height": height_mm}
@@ -105,11 +105,11 @@ def track(
       vibroswarm lab track day1.mp4 --markers markers.toml --lens chessboard.mp4 --log day1.csv \\
           --floor world.txt --tiles 5x5 --out tracked
     """
-    from vibroswarm.recordings.assemble_recording import recording_of
-    from vibroswarm.recordings.read import CAMERA_LOG, camera_log_bytes
+    from vibroswarm.lab.recordings.assemble_recording import recording_of
+    from vibroswarm.lab.recordings.read import CAMERA_LOG, camera_log_bytes
+    from vibroswarm.lab.tracking import opencv
+    from vibroswarm.lab.tracking.track import with_positions, write_tables
     from vibroswarm.study.options import stated_fields
-    from vibroswarm.tracking import opencv
-    from vibroswarm.tracking.track import with_positions, write_tables
 
     opencv()  # raises an error before any work if the package is not installed
     made = scenario_from(scenario)
@@ -149,8 +149,8 @@ def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> 
     Raises:
         InputError: the log cannot be read, or the floor is not stated or random.
     """
+    from vibroswarm.lab.tracking.track import read_robot_log
     from vibroswarm.study.options import check_one_floor
-    from vibroswarm.tracking.track import read_robot_log
 
     if log is None:
         return None
@@ -161,8 +161,8 @@ def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> 
 
 def _tracking(video: Path, markers: Markers, camera: CameraOptions, *, partial: bool) -> Tracking:
     """Track the robots in the video, with the lens of a chessboard's video if one is given."""
-    from vibroswarm.tracking.camera import lens_from_chessboard
-    from vibroswarm.tracking.track import track
+    from vibroswarm.lab.tracking.camera import lens_from_chessboard
+    from vibroswarm.lab.tracking.track import track
 
     # Without a chessboard, `track` fits the lens to the markers in the video itself.
     lens, lens_size_px = None, None

@@ -10,7 +10,6 @@ import numpy as np
 import polars as pl
 from scipy.special import ndtr
 
-from vibroswarm.calibrate.camera import corrected
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.laws import hash_of_run
@@ -24,9 +23,10 @@ from vibroswarm.inspection.samples import (
     ratios_of_values,
     session_hash,
 )
+from vibroswarm.lab.calibrate.camera import corrected
+from vibroswarm.lab.recordings.read_tables import Use, read_rows
+from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.observation.energy_model import energy_of
-from vibroswarm.recordings.read_tables import Use, read_rows
-from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_fields import failing_sensors
 

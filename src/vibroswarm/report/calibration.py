@@ -9,16 +9,16 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.calibrate.camera import seen_through
-from vibroswarm.calibrate.classifier import STRETCH
-from vibroswarm.calibrate.compare import Comparison
-from vibroswarm.calibrate.cross_validation import Fold
-from vibroswarm.calibrate.features import FEATURES, WORDS
-from vibroswarm.calibrate.fit import Fit
-from vibroswarm.calibrate.histograms import AXES, draw_maps, draw_shares, histograms_of
-from vibroswarm.calibrate.session_statistics import FIGURES
-from vibroswarm.calibrate.session_statistics import Figure as SessionFigure
 from vibroswarm.core.numbers import count, listed, number, percent, stated
+from vibroswarm.lab.calibrate.camera import seen_through
+from vibroswarm.lab.calibrate.classifier import STRETCH
+from vibroswarm.lab.calibrate.compare import Comparison
+from vibroswarm.lab.calibrate.cross_validation import Fold
+from vibroswarm.lab.calibrate.features import FEATURES, WORDS
+from vibroswarm.lab.calibrate.fit import Fit
+from vibroswarm.lab.calibrate.histograms import AXES, draw_maps, draw_shares, histograms_of
+from vibroswarm.lab.calibrate.session_statistics import FIGURES
+from vibroswarm.lab.calibrate.session_statistics import Figure as SessionFigure
 from vibroswarm.plots.picture import Picture
 from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.result import Result

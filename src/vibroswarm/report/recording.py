@@ -10,9 +10,9 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.core.numbers import Estimate, count, listed, number, percent, stated, with_limits
-from vibroswarm.recordings.assemble_recording import COUNTED
-from vibroswarm.recordings.recording import Recording
-from vibroswarm.recordings.replay import (
+from vibroswarm.lab.recordings.assemble_recording import COUNTED
+from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.lab.recordings.replay import (
     Replays,
     SessionOutcome,
     logged_outcomes,
@@ -20,7 +20,7 @@ from vibroswarm.recordings.replay import (
     shares_lost,
     with_beliefs,
 )
-from vibroswarm.recordings.threshold import Recommendation
+from vibroswarm.lab.recordings.threshold import Recommendation
 from vibroswarm.report.report import Report, Table, report
 from vibroswarm.run_page.write import write_run_page
 from vibroswarm.scenario.scenario import Scenario

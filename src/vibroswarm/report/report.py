@@ -87,14 +87,14 @@ KINDS: Final = {
     "vibroswarm.search.options": "search",
     "vibroswarm.league.play": "league",
     "vibroswarm.inspection.inspection": "inspection",
-    "vibroswarm.calibrate.compare": "calibration",
-    "vibroswarm.calibrate.fit": "calibration",
-    "vibroswarm.tracking.track": "tracking",
+    "vibroswarm.lab.calibrate.compare": "calibration",
+    "vibroswarm.lab.calibrate.fit": "calibration",
+    "vibroswarm.lab.tracking.track": "tracking",
     "vibroswarm.paper.reproduce": "reproduction",
     "vibroswarm.export.c_library": "export",
-    "vibroswarm.recordings.replay": "recording",
-    "vibroswarm.recordings.spectrum": "spectrum",
-    "vibroswarm.recordings.threshold": "recording",
+    "vibroswarm.lab.recordings.replay": "recording",
+    "vibroswarm.lab.recordings.spectrum": "spectrum",
+    "vibroswarm.lab.recordings.threshold": "recording",
 }
 """Module of a kind of report, by that of the result's class; it is imported when the first of its reports is made."""
 

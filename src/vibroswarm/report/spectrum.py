@@ -8,9 +8,9 @@ from functools import partial
 import polars as pl
 
 from vibroswarm.core.numbers import Estimate, count, number, with_limits
+from vibroswarm.lab.recordings.spectrum import Spectra, Spectrum, spectra_frame
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.spectrum import draw_spectrum
-from vibroswarm.recordings.spectrum import Spectra, Spectrum, spectra_frame
 from vibroswarm.report.report import Figure, Report, Table, report
 
 MOST_DRAWN = 4

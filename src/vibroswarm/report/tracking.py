@@ -7,10 +7,10 @@ from functools import partial
 import polars as pl
 
 from vibroswarm.core.numbers import count, number, percent
+from vibroswarm.lab.tracking.doubts import doubts_of, floor_errors
+from vibroswarm.lab.tracking.pictures import draw_time_line, draw_tracks
+from vibroswarm.lab.tracking.track import TrackedLog, Tracking
 from vibroswarm.report.report import Figure, Report, Table, report
-from vibroswarm.tracking.doubts import doubts_of, floor_errors
-from vibroswarm.tracking.pictures import draw_time_line, draw_tracks
-from vibroswarm.tracking.track import TrackedLog, Tracking
 
 
 @report.register

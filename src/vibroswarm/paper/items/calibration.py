@@ -14,12 +14,12 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.calibrate.camera import seen_through
-from vibroswarm.calibrate.compare import Comparison, camera_between, compare, null_similarity, similarity
-from vibroswarm.calibrate.features import FEATURES, WORDS, values_of
-from vibroswarm.calibrate.histograms import draw_maps, draw_shares, histograms_of
-from vibroswarm.calibrate.samples import by_session
 from vibroswarm.core.numbers import number, stated
+from vibroswarm.lab.calibrate.camera import seen_through
+from vibroswarm.lab.calibrate.compare import Comparison, camera_between, compare, null_similarity, similarity
+from vibroswarm.lab.calibrate.features import FEATURES, WORDS, values_of
+from vibroswarm.lab.calibrate.histograms import draw_maps, draw_shares, histograms_of
+from vibroswarm.lab.calibrate.samples import by_session
 from vibroswarm.paper.claims import all_claims, constant, mean, state
 from vibroswarm.paper.columns import (
     AUTHORS,

@@ -1,0 +1,1 @@
+"""The laboratory: recordings of robots, videos of them, and scenarios fitted to them."""

@@ -1,0 +1,279 @@
+"""Fit a scenario to recordings: in closed form where possible, otherwise by simulation.
+
+The robots' properties are fitted. What the robots were programmed to do (sample interval, leg times, decisions,
+strategy) and theta_E are taken from the base scenario. ``FITS`` are functions that are called in order; each adds its
+fields to the scenario, which the next one works with. Positions are corrected first if the camera saw robots too far
+from the centre (``fit_camera``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.core.arrays import Floats
+from vibroswarm.core.numbers import listed
+from vibroswarm.errors import check_kind
+from vibroswarm.lab.calibrate.camera import RIGHT, Camera
+from vibroswarm.lab.calibrate.dataset import Dataset
+from vibroswarm.lab.calibrate.drive import calm_intervals
+from vibroswarm.lab.calibrate.few_groups import limits_of, limits_of_bootstrap
+from vibroswarm.lab.calibrate.fit_avoidance import CANDIDATES, fields_of, fit_avoidance
+from vibroswarm.lab.calibrate.fit_camera import fit_camera
+from vibroswarm.lab.calibrate.fit_drive import fit_drive, timed_drive_ms
+from vibroswarm.lab.calibrate.fit_rays import fit_rays
+from vibroswarm.lab.calibrate.fit_sensor import DIGITS, SPREADS, fit_sensor
+from vibroswarm.lab.calibrate.fit_sensor import FIELDS as LAWS
+from vibroswarm.lab.calibrate.samples import ROUNDING_S
+from vibroswarm.lab.recordings.threshold import robot_clusters
+from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.statistics.intervals import mean_interval
+
+INTERRUPTED_BELOW: Final = 0.02
+"""If a smaller share of the avoidance times exceeds the sample interval, samples are taken to interrupt avoidance."""
+TAU: Final = "sample.sample_interval_ms"
+AROUND: Final = ("swarm.robots", "arena.width_m", "arena.height_m")
+"""What decides how often robots meet each other and walls."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """An estimate with its standard error and the limits ``low`` and ``high`` of its 95 % interval.
+
+    They come from a bootstrap, from the scatter between robots or sessions, or from a posterior sample.
+    """
+
+    name: str
+    value: float
+    error: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The fitted scenario, the estimates behind it, and checks; also what the next fit starts from."""
+
+    scenario: Scenario
+    found: Dataset
+    """The sessions; with the places of robots corrected once the camera is fitted."""
+    changed: dict[str, Any] = field(default_factory=dict)
+    """The fitted fields, by dotted name."""
+    figures: tuple[Fitted, ...] = ()
+    """All estimates with their standard errors and intervals."""
+    camera: Camera = RIGHT
+    """How positions were seen in the recordings; the scenario uses corrected positions."""
+    speed_m_s: float = math.nan
+    """Mean speed of the scenario's robots at the start."""
+    predicted: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    """By statistic of avoidance: its recorded value, and the limits of its 95 % posterior prediction for a session."""
+    motion_runs: int = 0
+    """Number of runs that the fit of avoidance simulated."""
+
+    @property
+    def sessions(self) -> int:
+        """Number of recorded sessions."""
+        return len(self.found.sessions)
+
+    @property
+    def robots(self) -> int:
+        """Number of robots, which count once in each session: the groups of bootstraps."""
+        return int(robot_clusters(self.found.samples).max()) + 1
+
+    def with_fields(self, fields: Mapping[str, Any], figures: Sequence[Fitted] = (), **more: Any) -> Fit:
+        """Return this fit with further fields, by dotted name (None: these robots have none), and estimates."""
+        # A field may exclude one that these robots do not have, so that those go first.
+        missing = {name: value for name, value in fields.items() if value is None}
+        known = {name: value for name, value in fields.items() if value is not None}
+        return replace(
+            self,
+            scenario=self.scenario.with_values(missing).with_values(known),
+            changed={name: value for name, value in self.changed.items() if name not in missing} | known,
+            figures=(*self.figures, *figures),
+            **more,
+        )
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a fit is made."""
+
+    candidates: int = CANDIDATES
+    draws: Mapping[str, int] = field(default_factory=dict)
+    """Number of bootstrap draws, if it is not the default of each fit."""
+    progress: Callable[[float], None] | None = None
+
+
+def fit(
+    found: Dataset,
+    base: Scenario,
+    *,
+    candidates: int | None = None,
+    errors: bool = True,
+    progress: Callable[[float], None] | None = None,
+) -> Fit:
+    """Fit a scenario to the sessions of a dataset.
+
+    Args:
+        found: the sessions, with positions as the camera saw them (``dataset``).
+        base: scenario of what the robots were programmed to do, and of all that is not fitted. Its fields of individual
+            robots and of variations are reset where the fit gives none.
+        candidates: number of parameter vectors that the fit of avoidance simulates; None: its default.
+        errors: whether bootstraps find the errors of estimates; if not, the fit is the same some seconds sooner, and
+            lists only the estimates that have errors without them.
+        progress: called with the share of the avoidance simulations that is done, 0 to 1.
+    Raises:
+        InputError: too few robots or drives, or all samples lie on one kind of tile.
+    """
+    check_kind(found, Dataset, "found", "a Dataset, as dataset_of() returns")
+    options = Options(
+        CANDIDATES if candidates is None else candidates, {} if errors else {"draws": 0}, progress
+    )
+    # The base may have been fitted to other recordings, with another camera.
+    of_camera = {f"camera.{name}": None for name in Camera.__dataclass_fields__}
+    fitted = Fit(base.with_values(of_camera), found)
+    for step in FITS:
+        fitted = step(fitted, options)
+    return fitted
+
+
+def _camera(fit: Fit, options: Options) -> Fit:
+    """Where energies change, of all samples; errors by a bootstrap over robots in sessions."""
+    found = fit_camera(fit.found, **options.draws)
+    values = {name: getattr(found.camera, name) for name in found.draws}
+    figures = _estimates("camera.", values, found.draws, tuple(found.draws), fit.robots)
+    corrected = fit.found.corrected(found.camera)
+    return fit.with_fields(found.camera.fields(), figures, camera=found.camera, found=corrected)
+
+
+def _driving(fit: Fit, options: Options) -> Fit:
+    """Speeds, battery and veers, of undisturbed intervals; errors by t and chi-square of the robots."""
+    found = fit_drive(fit.found, fit.scenario, **options.draws)
+    figures = _estimates("", found.values, found.draws, ("slow_share",), fit.robots)
+    speed_m_s = found.distance_ratio * found.values["start_speed_m_s"]
+    return fit.with_fields(found.fields(fit.scenario), figures, speed_m_s=speed_m_s)
+
+
+def _sensor(fit: Fit, options: Options) -> Fit:
+    """Laws of energy, of all samples; errors by a bootstrap over robots in sessions, of spreads by chi-square."""
+    if fit.scenario.sensor.model == "acceleration":
+        return fit
+    found = fit_sensor(fit.found, **options.draws)
+    # A spread field must be positive, and is absent without a spread.
+    fields = {
+        f"sensor.{name}": value if name not in SPREADS or value > 0 else None
+        for name, value in found.rounded(found.values).items()
+    }
+    return fit.with_fields(fields, _estimates("sensor.", found.values, found.draws, LAWS, fit.robots))
+
+
+def _interruption(fit: Fit, options: Options) -> Fit:
+    """Whether samples interrupt avoidance: then it hardly ever takes longer than the sample interval.
+
+    The share of longer times is computed for each robot in each session, and averaged.
+    """
+    limit_s = fit.scenario.sample.sample_interval_ms / 1000.0 + 0.06  # with a margin of three ticks of 20 ms
+    avoided = fit.found.samples.filter(pl.col("avoid_s") > ROUNDING_S).group_by("run", "robot")
+    beyond = avoided.agg((pl.col("avoid_s") > limit_s).mean())["avoid_s"].mean() or 0.0
+    return fit.with_fields({"sample.interrupts_avoidance": beyond < INTERRUPTED_BELOW})  # type: ignore[operator]
+
+
+def _rays(fit: Fit, options: Options) -> Fit:
+    """Rays and largest turn, of turns away from walls and at the ends of legs; errors by bootstraps."""
+    found = fit_rays(fit.found, fit.scenario, **options.draws)
+    return fit.with_fields(found.fields(fit.scenario), _estimates("", found.values, found.draws))
+
+
+def _stop(fit: Fit, options: Options) -> Fit:
+    """The stop, in whole control periods, of the times between samples without avoidance or turn.
+
+    Such a time is the drive (``fit_drive.timed_drive_ms``), the stop and a control period. At least 50 are needed, and
+    a stop between half and twice that of the base: otherwise the robots were programmed with another tau.
+    """
+    calm, base = calm_intervals(fit.found.samples)["spacing_s"], fit.scenario
+    period = base.run.control_period_ms
+    if calm.len() < 50:
+        return fit
+    usual = float(calm.mean())  # type: ignore[arg-type]  # to polars a mean may be of dates too
+    stop_ms = float(period * round((1000.0 * usual - timed_drive_ms(base) - period) / period))
+    is_plausible = 0.5 < stop_ms / max(base.sample.stop_ms, 1.0) < 2.0
+    return fit.with_fields({"sample.stop_ms": stop_ms} if is_plausible else {})
+
+
+def _loss(fit: Fit, options: Options) -> Fit:
+    """Share of lost messages, of sessions weighted by their messages; errors by the scatter of sessions."""
+    known = fit.found.exchange.drop_nulls("packet_loss")  # the sessions whose loss is known
+    if known.is_empty():
+        return fit
+    shares, weights = known["packet_loss"].to_numpy(), known["addressed"].to_numpy().astype(float)
+    # A session's share is below 0 if it received more messages than are counted as addressed; the estimate is not.
+    value = max(float(weights @ shares / weights.sum()), 0.0)
+    low, high = (value + end - shares.mean() for end in mean_interval(shares)[1:3])
+    error = float(shares.std(ddof=1)) / math.sqrt(shares.size) if shares.size > 1 else math.nan
+    fields = {"network.name": "loss", "network.loss.share": round(value, DIGITS)}
+    return fit.with_fields(fields, [Fitted("network.loss.share", value, error, max(low, 0.0), high)])
+
+
+def _avoidance(fit: Fit, options: Options) -> Fit:
+    """Avoidance, by simulations with all other fields fitted; estimates are means of a posterior sample."""
+    found = fit_avoidance(
+        fit.found, fit.scenario, fit.speed_m_s, candidates=options.candidates, progress=options.progress
+    )
+    figures = []
+    for name, draws in found.draws.items():
+        mean = float(found.weights @ draws)
+        order = np.argsort(draws)
+        low, high = np.interp([0.025, 0.975], np.cumsum(found.weights[order]), draws[order])
+        error = math.sqrt(float(found.weights @ (draws - mean) ** 2))
+        figures.append(Fitted(name, mean, error, float(low), float(high)))
+    fields = fields_of(found.values, fit.scenario, fit.speed_m_s)
+    return fit.with_fields(fields, figures, predicted=found.predicted, motion_runs=found.runs)
+
+
+FITS: Final = (_camera, _driving, _sensor, _interruption, _rays, _stop, _loss, _avoidance)
+"""The fits in their order."""
+
+
+def _estimates(
+    section: str,
+    values: Mapping[str, float],
+    draws: Mapping[str, Floats],
+    resampled: Sequence[str] = (),
+    groups: int = 0,
+) -> list[Fitted]:
+    """Return the estimates that have draws, (draws,) each, with standard errors and 95 % intervals from them.
+
+    Args:
+        section: begins their names: of the scenario if they are its fields, else empty.
+        resampled: names of those whose draws are a bootstrap of so many ``groups``.
+    """
+    figures = []
+    for name, own in draws.items():
+        if own.size:
+            low, high = limits_of_bootstrap(own, groups) if name in resampled else limits_of(own)
+            error = float(own.std(ddof=1))
+            figures.append(Fitted(f"{section}{name}", values[name], error, float(low), float(high)))
+    return figures
+
+
+def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
+    """Return sentences about settings of the base that recordings contradict.
+
+    Only those of the walk count that determine what robots meet (``AROUND``) and when they sample (``TAU``): others are
+    the user's choice.
+    """
+    there = {name: sorted({result.scenario[name] for result in results}) for name in AROUND}
+    for one in (one for result in results for one in getattr(result, "inferred", ())):
+        if one["name"] == TAU and one["value"] is not None and not one["low"] <= base[TAU] <= one["high"]:
+            there[TAU] = [one["value"]]
+    return [
+        f"{name} is {base[name]} in the base, but {listed(map(str, values))} in the recordings; see --set."
+        for name, values in there.items()
+        if values and base[name] not in values
+    ]

@@ -1,0 +1,158 @@
+"""Read logs by format.
+
+**webots**, the console log of the study's simulator. It has samples only; lines of data stand among other lines. A
+line of data is ``1, time s, robot, energy, bit sent, belief, alpha, beta, sent, received, posterior mean, own mean,
+x m, z m, walking ms, avoiding ms, pause ms, decision time s, decision``, with y = 1 - z. Samples of the first 5 s are
+not printed, and each robot's last line is repeated. One of the first lines has the settings: ``gamma_0 gamma tau
+theta_c O_c feedback eta seed ...``.
+
+**rugbot**, the CSV of the study's robots: read by a column map.
+
+**camera**, the log of a session tracked by ``lab track``, also written here.
+
+**table**, any other table whose columns have the names of ``log.SAMPLES``, or are named by a column map.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.core.tables import csv_bytes
+from vibroswarm.errors import InputError, check_choice
+from vibroswarm.lab.recordings.log import SAMPLES, Log, log_frame, log_of
+from vibroswarm.lab.recordings.read_tables import (
+    Column,
+    ColumnMap,
+    converted,
+    files_of,
+    header_of,
+    read_rows,
+    text_of,
+)
+
+FORMATS: Final = ("rugbot", "webots", "camera", "table")
+CELLS: Final = 19
+"""Numbers in a line of data of a console log."""
+_CONSOLE: Final = {
+    "time_s": 1, "robot": 2, "energy": 3, "message": 4, "belief_below": 5, "alpha": 6, "beta": 7, "sent": 8,
+    "messages_received": 9, "x_m": 12, "y_m": 13, "avoid_total_s": 15, "stop_total_s": 16, "decision": 18,
+}  # fmt: skip
+"""Index of the cell of each column in a line of data."""
+_SETTINGS: Final = re.compile(
+    r"^(\d+) (\d+) (\d+) (\d+) (\d+) ([012]) (\d+) (\d+) 1 (\d+) (\d+) 0 0\s*$", re.MULTILINE
+)
+"""Line of settings: eight settings, 1, number of robots, tau, 0, 0."""
+FEEDBACK: Final = ("none", "positive", "soft")
+"""Strategies by their number in the settings."""
+CAMERA_LOG: Final = "log.csv"
+"""Name of the log in a folder written by ``lab track``."""
+CAMERA_COLUMNS: Final = tuple(name for name in SAMPLES if not name.startswith("place_"))
+"""Columns of the log of a tracked session."""
+
+
+def read_log(path: str | Path, reader: str | None = None, columns: str | Path | None = None) -> Log:
+    """Read the log of a session.
+
+    Args:
+        path: of the log, or a folder: one that ``lab track`` has written, or of the session's files, such as one for
+            each robot.
+        reader: name of the format, of ``FORMATS``; by default the one that the file has.
+        columns: path of a column map; if it is given, the file is read by this map, whatever its format.
+    Raises:
+        InputError: an unknown format, or the file is not of this format; the error names the row.
+    """
+    path = Path(path)
+    paths = files_of(path, CAMERA_LOG)
+    name = path.resolve().name
+    if columns is not None:
+        return _read_table(paths, name, ColumnMap.read(Path(columns)))
+    check_choice(reader := reader or _format_of(paths[0]), "--reader", FORMATS)
+    if reader == "webots":
+        return _read_console(paths[0], name)
+    by = rugbot_map() if reader == "rugbot" else ColumnMap(name=reader)
+    return _read_table(paths, name, by)
+
+
+@cache
+def rugbot_map() -> ColumnMap:
+    """Return the column map of the study's robots."""
+    return ColumnMap.read(Path(str(files("vibroswarm.lab.recordings").joinpath("formats/rugbot.toml"))))
+
+
+def _format_of(path: Path) -> str:
+    """Return the format of a file: of the study's robots it has five columns, of which some may lack."""
+    if any(line.startswith("1,") and line.count(",") == CELLS - 1 for line in text_of(path).splitlines()):
+        return "webots"
+    header = header_of(path)
+    if len({column.name for column in rugbot_map().columns.values()}.intersection(header)) >= 5:
+        return "rugbot"
+    return "camera" if tuple(header) == CAMERA_COLUMNS else "table"
+
+
+def _read_table(paths: list[Path], name: str, by: ColumnMap) -> Log:
+    read = read_rows(paths, SAMPLES, by)
+    wraps_at = {
+        use: column.wraps_at * column.times
+        for use, column in read.columns.items()
+        if column.wraps_at is not None
+    }
+    return log_of(
+        read.rows, name, by.name, wraps_at, settings=by.settings, robots=read.robots,
+        has_timestamps=read.has_timestamps, counts={"missing": read.missing},
+    )  # fmt: skip
+
+
+def _read_console(path: Path, name: str) -> Log:
+    text = text_of(path)
+    lines = [
+        (number, line.split(","))
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.startswith("1,") and line.count(",") == CELLS - 1
+    ]
+    if not lines:
+        raise InputError("has no data line (19 numbers separated by commas)", field=str(path))
+    table = pl.DataFrame([row for _, row in lines], schema=[str(k) for k in range(CELLS)], orient="row")
+    numbers = pl.Series("line", [number for number, _ in lines], pl.UInt32)
+    cells = table.select(pl.lit(str(path)).alias("file"), numbers, pl.all())
+    columns = {
+        use: Column(name=str(place), times=0.001 if use.endswith("total_s") else 1.0)
+        for use, place in _CONSOLE.items()
+    }
+    columns["y_m"] = Column(name=columns["y_m"].name, times=-1.0, plus=1.0)
+    read = converted(cells, columns, SAMPLES, missing=())
+    return log_of(read.rows, name, "webots", {}, settings=_settings(text))
+
+
+def _settings(text: str) -> dict[str, Any]:
+    """Return the fields of the scenario that a console log states; empty if it has no line of settings."""
+    match = _SETTINGS.search(text)
+    if match is None:
+        return {}
+    location, scale, tau, theta_c, least, feedback, eta, *_ = map(int, match.groups())
+    return {
+        "walk.walk_duration_location_ms": float(location),
+        "walk.walk_duration_scale_ms": float(scale),
+        "sample.sample_interval_ms": float(tau),
+        "walk.avoidance_threshold_mm": float(theta_c),
+        "decision.min_observations": least,
+        "strategy.name": FEEDBACK[feedback],
+        "strategy.soft.eta": float(eta),
+    }
+
+
+def camera_log_bytes(log: Log) -> bytes:
+    """Return the log of a tracked session as CSV, in the order of time.
+
+    Rows with an energy are samples, all others are tracked positions. Times, places and headings are rounded to six
+    decimals (s, m, rad).
+    """
+    rows = pl.concat([log_frame(log.tracks), log.samples]).select(CAMERA_COLUMNS)
+    # The sort is stable: a sample stays behind a position of the same time.
+    rows = rows.sort("time_s", "robot", maintain_order=True)
+    return csv_bytes(rows.with_columns(pl.col("time_s", "x_m", "y_m", "heading_rad").round(6)))
