@@ -2,7 +2,7 @@
 
 | the folder | what happens |
 |---|---|
-| is missing or empty | it is used |
+| is missing, or holds no results | it is used |
 | was begun by the same command with the same settings | it is continued |
 | was begun by another one | it is refused; ``--force`` removes all but finished runs of studies |
 """
@@ -37,7 +37,7 @@ def claim(output: Any, command: str, *settings: object) -> None:
         return
     digest = hashlib.sha256(repr(settings).encode()).hexdigest()[:16]
     begun, text = folder / BEGUN, json.dumps({"command": command, "settings": digest})
-    others = [path for path in folder.iterdir() if path.name != RUNS] if folder.exists() else []
+    others = [path for path in folder.iterdir() if path.name not in (RUNS, BEGUN)] if folder.exists() else []
     if others and not begun.is_file():
         raise InputError("holds something else; give another --out", field=str(folder))
     if others and begun.read_text(encoding="utf-8") != text:
