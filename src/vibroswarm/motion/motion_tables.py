@@ -153,9 +153,10 @@ class Collected:
         self.tick_ms = tick_ms
         self.samples, self.moves, self.ends = list[Rows](), list[MoveColumns](), list[Rows]()
         self.failures: list[Failure] = []
+        samples, moves = self.samples, self.moves  # a cycle through self would keep them for long
         self.sink = Sink(
-            lambda rows: self.samples.append(joined([rows])),
-            lambda rows: self.moves.append(move_columns(rows, self.tick_ms)),
+            lambda rows: samples.append(joined([rows])),
+            lambda rows: moves.append(move_columns(rows, tick_ms)),
         )
 
     def end(self, state: Any) -> None:

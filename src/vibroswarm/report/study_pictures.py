@@ -57,7 +57,7 @@ def pictures(outcome: Outcome) -> Iterator[tuple[str, Figure]]:
     if "swarm_right" in known:
         yield from _over_time(outcome)
         yield from _fronts(outcome)
-    if outcome.runs.tables(outcome.cells[0].cell)[0]["samples"].max():
+    if outcome.runs.rows("robot.samples", cells=[outcome.cells[0].cell])["robot.samples"].list.max().max():
         yield "samples", Figure(partial(_density, outcome), "Where the robots sampled", folded=True)
 
 

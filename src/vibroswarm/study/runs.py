@@ -48,7 +48,7 @@ OF_ROBOT: Final = r"^robot[.].*$"
 OF_RUN: Final = pl.exclude("key", "run", "reported", OF_ROBOT)
 """All columns with one value for a run, but its number."""
 YES_OR_NO: Final = tuple(figure.by_run for figure in FIGURES if figure.kind == "runs")
-ROWS_AT_A_TIME: Final = 200_000
+ROWS_AT_A_TIME: Final = 50_000
 """Most rows of a block of cells, unless a single cell has more."""
 AGAIN_S: Final = 30.0
 """Longest time for which runs of a cell of a slow source are simulated again for pictures, s."""
@@ -163,12 +163,12 @@ class Runs(NotebookView):
         joined = wanted.lazy().join(stored, on="key").filter(pl.col("run") < pl.col("_runs"))
         return joined.drop("key", "_runs").collect().sort("cell", "run")
 
-    def blocks(self, *columns: str | pl.Expr) -> Iterator[tuple[list[Cell], pl.DataFrame]]:
-        """Yield cells and their ``rows``, some cells at a time, so that few rows are in memory."""
+    def blocks(self) -> Iterator[list[Cell]]:
+        """Yield some cells at a time, so that few of their ``rows`` need to be in memory."""
         block, size = list[Cell](), 0
         for cell in [*self.cells, None]:
             if cell is None or (block and size + self.runs_of(cell) > ROWS_AT_A_TIME):
-                yield block, self.rows(*columns, cells=block)
+                yield block
                 block, size = [], 0
             if cell is not None:
                 block.append(cell)

@@ -130,14 +130,15 @@ def outcome_of(runs: Runs, reference: str | None = None, *, compare: bool = True
     without = tuple(cell for cell in runs.cells if not runs.there[cell.number])
     if without and len(without) < len(runs.cells):
         runs = runs.select(cell for cell in runs.cells if cell not in without)
-    cells = [one for block, rows in runs.blocks() for one in _outcomes(runs, block, rows)]
+    cells = [one for block in runs.blocks() for one in _outcomes(runs, block)]
     compared = tuple(comparisons(runs, reference)) if compare else ()
     return Outcome(runs, tuple(cells), compared, without, answers_of(compared))
 
 
-def _outcomes(runs: Runs, cells: Sequence[Cell], rows: pl.DataFrame) -> Iterator[CellOutcome]:
-    """Summarise cells, whose rows are sorted by cell and run."""
-    tables = {int(number): table for (number,), table in rows.partition_by("cell", as_dict=True).items()}
+def _outcomes(runs: Runs, cells: Sequence[Cell]) -> Iterator[CellOutcome]:
+    """Summarise cells."""
+    parts = runs.rows(cells=cells).partition_by("cell", as_dict=True)
+    tables = {int(number): table for (number,), table in parts.items()}
     sizes = [tables[cell.number].height for cell in cells]
     ends_s = [cell.scenario.run.t_end_s for cell in cells]
     table = pl.concat([tables[cell.number] for cell in cells])
@@ -161,7 +162,9 @@ def _unreached(runs: Runs, cell: Cell, own: pl.DataFrame) -> str:
     """Return why no robot of a cell was allowed to decide; empty if one was."""
     if (own["undecided"] < own["robots"]).any():
         return ""
-    most = runs.tables(cell)[0].select(counted(cell.scenario.decision.gate)).item()
+    counts = runs.rows("robot.samples", "robot.messages_received", cells=[cell])
+    robots = counts.select(pl.all().name.replace("robot.", "")).explode("samples", "messages_received")
+    most = robots.select(counted(cell.scenario.decision.gate)).item()
     return gate_unreached(cell.scenario, most)
 
 
