@@ -42,16 +42,7 @@ from vibroswarm.errors import InputError, nearest
 
 @dataclasses.dataclass(frozen=True)
 class Option:
-    """What the command line says of a parameter.
-
-    Args:
-        help: what it does. ``{names}`` stands for ``names``, and the default is added unless the text has that word.
-        value: what stands for its value in the help, such as ``FILE``.
-        low, high: bounds of a number. read: converts the text of a value, in the place of its type.
-        name: the option, such as ``--set``, if it is not the parameter's name. short: a letter for it, such as ``-q``.
-        names: returns the words that are known, for the help.
-        of: the command whose help describes it; that of other commands only names it.
-    """
+    """What the command line says of a parameter; ``{names}`` in ``help`` stands for ``names``."""
 
     help: str
     value: str = ""
@@ -152,12 +143,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def parser_of(words: str, command: Callable[..., Any], also: Mapping[str, type]) -> Parser:
-    """Return the parser of a command.
-
-    Args:
-        words: the program and the command, such as "vibroswarm lab import".
-        also: further groups of options by title, which are not parameters of the command.
-    """
+    """Return the parser of a command, called by ``words``; ``also`` are further groups of options by title."""
     parser = Parser(words)
     fill(parser, command, also)
     arguments = parser._get_positional_actions()
@@ -225,11 +211,7 @@ def add_option(parser: argparse._ActionsContainer, parameter: Parameter) -> None
 
 
 def bound(command: Callable[..., Any], values: Mapping[str, Any]) -> inspect.BoundArguments:
-    """Return the arguments of a call of a command.
-
-    Args:
-        values: parsed values of options and arguments, by name.
-    """
+    """Return the arguments of a call of a command."""
     call = inspect.signature(command).bind_partial()
     for name, kind, _, _, place in parameters_of(command):
         value = group_of(kind, values) if dataclasses.is_dataclass(kind) else values[name]

@@ -1,7 +1,4 @@
-"""All commands of the program, by group: their words, what they do, and the function that does it.
-
-A command's module is imported when the command is called, and only then.
-"""
+"""All commands of the program, by group; a command's module is imported when the command is called."""
 
 from __future__ import annotations
 
@@ -155,11 +152,7 @@ def run_top(words: Sequence[str]) -> int:
 
 
 def command_in(words: Sequence[str]) -> tuple[Command, list[str]]:
-    """Return the command that words begin with, and the other words.
-
-    Raises:
-        InputError: there is no such command; a similar one is suggested.
-    """
+    """Return the command that words begin with, and the other words."""
     for count in (2, 1):
         command = COMMANDS.get(" ".join(words[:count]))
         rest = list(words[count:])

@@ -23,13 +23,7 @@ def deliver(
     is_result: bool = False,
     **options: Any,
 ) -> None:
-    """Print the report of a result; save it and tables in the folder of ``--out``, which is claimed already.
-
-    Args:
-        tables: by name, besides those of the report; they become CSV and Parquet.
-        page: name of a page that is there already, in the place of the report's.
-        is_result: whether the folder holds a result or recording, which has its own tables. options: of ``report``.
-    """
+    """Print the report of a result; save it and tables in the folder of ``--out``, which is claimed already."""
     from vibroswarm.report.report import report
 
     said = report(result, **options)

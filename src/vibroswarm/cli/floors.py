@@ -116,7 +116,6 @@ def in_terminal(tiles: NDArray[np.uint8]) -> str:
 
 
 def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: int) -> Floor:
-    """Return the floor called ``floor`` of 1 m x 1 m."""
     from vibroswarm.floors.floor import Floor
     from vibroswarm.floors.io import parse_tiles
     from vibroswarm.floors.source import resolve

@@ -49,7 +49,6 @@ def known(
 
 
 def _abouts(kind: str) -> dict[str, str]:
-    """Return one line about each of a kind, those of installed packages included."""
     import vibroswarm.simulation  # noqa: F401  (registers the engines)
     from vibroswarm.scenario import plugins
     from vibroswarm.scenario.presets import describe, preset_names

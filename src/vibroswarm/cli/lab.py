@@ -85,12 +85,6 @@ def _logs_of(
     acceleration: Sequence[Path] | None,
     scenario: Scenario,
 ) -> tuple[list[Log], list[str], list[bytes]]:
-    """Read the logs, and with ``--acceleration`` compute their energies.
-
-    Returns:
-        The logs; for each log a sentence about its computed energies (an empty list without ``--acceleration``); and
-        the content of each file that was read, by which a repeated import of the same files is recognised.
-    """
     from vibroswarm.lab.recordings.acceleration import with_energies
     from vibroswarm.lab.recordings.read import CAMERA_LOG, read_log
     from vibroswarm.lab.recordings.read_tables import files_of

@@ -1,8 +1,4 @@
-"""``vibroswarm league``: strategies compared on the same floors, motion, readings and radio.
-
-A league is such a comparison. An entry of a league is a strategy with its settings. The forced error is the share of
-wrong robots, where an undecided robot counts as if it had decided for the answer that it believes more at the end.
-"""
+"""``vibroswarm league``: strategies compared on the same floors, motion, readings and radio."""
 
 from __future__ import annotations
 

@@ -94,7 +94,6 @@ def optimize(
 
 
 def _start(search: Search) -> None:
-    """Print warnings about the scenarios of a search, and a note if kernels must be compiled first."""
 
     warn_of(cell.scenario for cell in search.cases)
     say_compiling(search.study.motion)

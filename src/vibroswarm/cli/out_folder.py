@@ -25,13 +25,7 @@ RUNS: Final = "runs"
 
 
 def claim(output: Any, command: str, *settings: object) -> None:
-    """Make the folder of ``--out`` this command's, or refuse it before the work begins.
-
-    Args:
-        settings: all that the results depend on; their ``repr`` must be the same in every process.
-    Raises:
-        InputError: the folder holds something else.
-    """
+    """Make the folder of ``--out`` this command's, or refuse it before the work begins."""
     folder: Path | None = output.out
     if folder is None:
         return

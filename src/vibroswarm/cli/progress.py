@@ -51,11 +51,7 @@ STAGES: Final = Stages(runs=counting_runs, share=progress_bar)
 
 
 def say_compiling(*sources: str) -> None:
-    """Unless an engine is cached, report on stderr that kernels are compiled.
-
-    Args:
-        sources: names of the motion sources (engines) of which at least one must be cached; without names, any engine.
-    """
+    """Unless an engine is cached, report on stderr that kernels are compiled."""
     from vibroswarm.core.jit import is_cached
 
     if not is_cached(*sources):

@@ -172,13 +172,7 @@ def detect(
 
 
 def run_parts(study: Study, execution: Parts, output: Paged, command: str) -> Runs | None:
-    """Print what a study consists of and run it, or only the part that ``--shard`` names.
-
-    Returns:
-        The runs; None if only a part of the study was run.
-    Raises:
-        InputError: options conflict, or ``--out`` holds something else.
-    """
+    """Print what a study consists of and run it, or only the part that ``--shard`` names."""
     shard = _shard(execution.shard)
     refuse(shard[1] > 1 and output.out is None, "--shard", "needs --out DIR")
     claim(output, command, study.hash)

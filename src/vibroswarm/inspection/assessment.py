@@ -1,4 +1,4 @@
-"""Is there damage, what would have been missed, may one stop, and does the law hold? All answers of one inspection."""
+"""Is there damage, what would have been missed, may one stop, and does the law hold? All of one inspection."""
 
 from __future__ import annotations
 
@@ -52,10 +52,7 @@ class Assessment:
 
     @property
     def verdict(self) -> Literal["damage", "clear", "open", "refused"]:
-        """Return "refused" if the samples contradict the law, "damage" if the scan calls it, or "clear" or "open".
-
-        It is "clear" if the risk is tolerated.
-        """
+        """Return "refused" if the samples contradict the law, "damage" if the scan calls it, or "clear" or "open"."""
         if Refusal.REFUSED in self.refusals:
             return "refused"
         if self.scan.p_value <= self.question.level:
@@ -67,15 +64,7 @@ def assess(
     samples: Samples, question: Question | None = None, *, sides_m: Sequence[float | Sides] = SIZES_M,
     replicates: int = REPLICATES, seed: int = 1, progress: Callable[[float], None] | None = None,
 ) -> Assessment:  # fmt: skip
-    """Answer a question about damage by the samples of one inspection.
-
-    Args:
-        question: by default ``Question()``. sides_m: sides of squares that are scanned for, or widths and heights.
-        replicates: intact surfaces drawn for the scan. seed: of all that is drawn. progress: called with the share that
-            is done.
-    Raises:
-        InputError: a declared size, or the smallest that must be found, does not fit the surface.
-    """
+    """Answer a question about damage by the samples of one inspection."""
     question = question or Question()
     done = progress or (lambda share: None)
     if not samples.law.has_contrasts:

@@ -165,7 +165,6 @@ def _law_of(
     *,
     bits: bool = False,
 ) -> Law:
-    """Return the law by which samples are judged; ``result`` is None for a CSV, whose law must be given."""
     if isinstance(laws, str | Path):
         return law_named(str(laws), draws=draws, spreads=spreads)
     if isinstance(laws, Scenario):

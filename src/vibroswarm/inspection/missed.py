@@ -46,12 +46,7 @@ def own_trials(
     samples: Samples, patches: Patches, shares: Shares, critical: float, *, contrast: float = 1.0, each: int = EACH,
     intact: int = INTACT, seed: int = 2,
 ) -> Trials:  # fmt: skip
-    """Draw damage, and intact surfaces, at the places of one inspection, and scan them.
-
-    Args:
-        critical: T from which a surface is called. each: surfaces of each size. intact: surfaces, other than those that
-            gave ``critical``.
-    """
+    """Draw damage, and intact surfaces, at the places of one inspection, and scan them."""
     random = generator(seed, f"damage of contrast {contrast:g}")
     sides_m = np.array(SIDES_M) * min(1.0, min(samples.size_m) / SIDES_M[-1])
     size_m = np.repeat(sides_m, each)
@@ -65,12 +60,7 @@ def pooled_trials(
     inspections: Sequence[Samples], fresh: Sequence[Samples], *, each: int = 5, level: float = 0.05, seed: int = 3,
     contrast: float = 1.0,
 ) -> Trials:  # fmt: skip
-    """Draw damage in many inspections, and call it by a threshold from intact inspections of other motion.
-
-    Args:
-        inspections: whose places damage is drawn at, ``each`` of each side. fresh: intact inspections that give the
-            threshold. level: wanted share of false calls.
-    """
+    """Draw damage in many inspections, and call it by a threshold from intact inspections of other motion."""
     patches = declared(inspections[0].size_m)
     each_intact = max(1, INTACT // len(fresh))
     critical = critical_value(
@@ -93,16 +83,7 @@ def plan(
     scenario: Scenario, robots: Sequence[int], until_s: Sequence[float], *, runs: int = 40, seed: int = 1,
     each: int = 5, level: float = 0.05, progress: Callable[[float], None] | None = None,
 ) -> pl.DataFrame:  # fmt: skip
-    """Return what robots and time buy: a row for each number of robots and end of the inspection.
-
-    The columns are robots, until_s, samples (of a run, on average), a50_m, a90_m, a90_95_m, its upper 95 % limit, and
-    false_calls_share. Lengths are null where they do not exist.
-
-    Args:
-        scenario: with the walk and the sensor; its floor does not matter. runs: simulated inspections, half of which
-            give the threshold. each: surfaces of each size drawn in each of the others. level: wanted false calls.
-        progress: called with the share that is done.
-    """
+    """Return what robots and time buy: a50, a90, their limit and false calls, by number of robots and end."""
     rows: list[tuple[float, ...]] = []
     for number in robots:
         intact = {"floor.source": "random:0.0", "floor.tiles": None}

@@ -53,12 +53,7 @@ class Pod(NamedTuple):
 
 
 def fit_pod(size_m: Floats, found: Floats, false: int, intact: int) -> Pod:
-    """Fit PoD to inspections.
-
-    Args:
-        size_m, found: size of the damage of each inspection, and whether it was called (1) or not (0), (inspections,).
-        false, intact: number of intact surfaces that were called, and that were inspected.
-    """
+    """Fit PoD to inspections."""
     sizes, at = np.unique(size_m, return_inverse=True)
     number, hits = np.bincount(at), np.bincount(at, found)
     p_f, log_size = false / intact, np.log(sizes)

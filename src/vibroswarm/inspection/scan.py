@@ -55,14 +55,7 @@ def scan(
     samples: Samples, patches: Patches, shares: Shares, *, prior: float = 0.5, level: float = 0.05,
     replicates: int = REPLICATES, seed: int = 1,
 ) -> Scan:  # fmt: skip
-    """Scan a surface for patches of damage.
-
-    Args:
-        shares: of the samples in the patches. prior: probability of damage. level: wanted share of false calls.
-        replicates: intact surfaces, B. seed: of what is drawn.
-    Raises:
-        InputError: too few replicates, with which no p-value is as small as ``level``.
-    """
+    """Scan a surface for patches of damage."""
     if replicates < (least := math.ceil(1.0 / level - 1e-9) - 1):
         raise InputError(f"are too few for a p-value of {level:.3g}: at least {least}", field="--replicates")
     logs = log_likelihoods(shares, samples.column("log_ratio")[:, None])
@@ -78,7 +71,6 @@ def scan(
 def _called(
     samples: Samples, patches: Patches, shares: Shares, critical: float
 ) -> tuple[tuple[Box, ...], tuple[Region, ...], Sequence[Floats]]:
-    """Return the patches that are called, their regions, and ln L_j of each step, (patches,)."""
     there = np.ones(samples.frame.height, dtype=bool)
     penalty, boxes = np.log(patches.places)[patches.form], patches.boxes
     called: list[Box] = []
@@ -113,10 +105,7 @@ def p_value(statistic: float, drawn: Floats) -> float:
 
 
 def critical_value(drawn: Floats, level: float) -> float:
-    """Return the least statistic whose ``p_value`` is at most a level: above drawn ones that are equal to each other.
-
-    It is infinite with fewer than 1 / level - 1 drawn statistics, which give no p-value as small as that.
-    """
+    """Return the least statistic whose ``p_value`` is at most a level; infinite if too few were drawn."""
     reached = math.floor(level * (drawn.size + 1) + 1e-9) - 1  # by so many at most
     return math.inf if reached < 0 else float(np.nextafter(np.sort(drawn)[drawn.size - 1 - reached], np.inf))
 
@@ -125,11 +114,7 @@ def drawn_statistics(
     random: np.random.Generator, samples: Samples, patches: Patches, shares: Shares, replicates: int,
     damage: Patch | None = None,
 ) -> Floats:  # fmt: skip
-    """Return T of surfaces drawn at the samples' own places, (replicates,).
-
-    Args:
-        damage: of each replicate; None: they are intact.
-    """
+    """Return T of surfaces drawn at the samples' own places, (replicates,)."""
     parts = drawn_parts(random, samples, replicates, damage)
     return np.concatenate([statistic_of(samples, patches, shares, part) for part in parts])
 

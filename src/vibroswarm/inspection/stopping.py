@@ -60,11 +60,7 @@ class Stopping(NamedTuple):
 
 
 def stopping(samples: Samples, question: Question, *, drawn: int = DRAWN, seed: int = 1) -> Stopping:
-    """Return the risk of having missed damage, by drawn surfaces.
-
-    Raises:
-        InputError: a square of the least size does not fit the surface.
-    """
+    """Return the risk of having missed damage, by drawn surfaces."""
     statistic = statistic_for(samples, question)
     random, contrast = generator(seed, "risk"), min(question.contrasts)
     squares = squares_at(random, np.full(drawn, question.least_m), samples.size_m, contrast)

@@ -1,4 +1,4 @@
-"""The cells of a study in one column, with their figures by run, and the values of claims that are figures of cells."""
+"""The cells of a study in one column, their figures by run, and the values of claims that are figures of cells."""
 
 from __future__ import annotations
 
@@ -142,10 +142,7 @@ def _difference(first: Array, second: Array) -> tuple[Array, float]:
 
 
 def share_saved(first: Array, second: Array) -> tuple[Array, float]:
-    """Return values of runs whose mean is 1 - mean(first) / mean(second), to first order, and their deviation.
-
-    The deviation is that of published runs, as if those of the two were not paired.
-    """
+    """Return values of runs whose mean is 1 - mean(first) / mean(second), to first order, and their deviation."""
     saved = 1.0 - first.mean() / second.mean()
     values = saved - (first - (1.0 - saved) * second) / second.mean()
     return values, math.hypot(first.std(ddof=1), (1.0 - saved) * second.std(ddof=1)) / second.mean()

@@ -1,8 +1,7 @@
 """Whether the paper's question can be asked in a scenario.
 
-Decisions and their times answer it only if the expected share of ones lies on the same side of the boundary as the
-fill ratio. And a sensor with an edge response fitted on tiles of one size cannot be used on smaller tiles, of which
-edges take up more: no recording shows that vibration reaches as far there.
+The expected share of ones must lie on the same side of the boundary as the fill ratio; and an edge response fitted on
+tiles of one size is not known on smaller ones.
 """
 
 from __future__ import annotations

@@ -115,11 +115,7 @@ def all_items() -> tuple[Item, ...]:
 
 
 def items_named(names: list[str] | None) -> tuple[Item, ...]:
-    """Return the items with these names, in the paper's order; all items if ``names`` is None.
-
-    Raises:
-        InputError: a name is not the name of an item.
-    """
+    """Return the items with these names, in the paper's order; all items if ``names`` is None."""
     for name in names or ():
         check_choice(name, "--only", [item.name for item in all_items()])
     return tuple(item for item in all_items() if names is None or item.name in names)

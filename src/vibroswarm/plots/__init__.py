@@ -1,7 +1,7 @@
 """Pictures of floors, of runs, and of the results of many runs.
 
-Each ``draw_*`` takes a plain frame of computed numbers and returns a ``Picture``: the figure, the numbers as drawn, and
-a caption. matplotlib is imported when something is drawn.
+Each ``draw_*`` takes a frame of computed numbers and returns a ``Picture``: the figure, the numbers as drawn, and a
+caption. ``title`` stands above it; ``style`` is "column", "page" or "slide". A wrong frame is an ``InputError``.
 """
 
 from __future__ import annotations

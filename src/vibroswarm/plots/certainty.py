@@ -25,16 +25,7 @@ def draw_certainty(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw the probability of damage, and its standard deviation with the places of the samples.
-
-    Args:
-        probability: of each cell, (rows, columns), top row first. size_m: width and height of the surface.
-        places_m: of the samples, (samples, 2). marked_m: left, bottom, width and height of patches to outline,
-            and whether each is a disc.
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``row, column, probability, standard_deviation``.
-    """
+    """Draw the probability of damage, and its standard deviation with the places of the samples."""
     from matplotlib.patches import Ellipse, Rectangle
 
     sizes = style_named(style)

@@ -1,9 +1,4 @@
-"""Bars of outcomes.
-
-The outcomes of runs are right, wrong (all robots decided right, or all wrong), split (robots decided differently),
-incomplete (a robot is undecided) and truth undefined (all robots made the same decision, but none is right on this
-floor). Each run has exactly one of them.
-"""
+"""Bars of the outcomes of runs: right, wrong, split (robots differ), incomplete (one is undecided), truth undefined."""
 
 from __future__ import annotations
 
@@ -34,20 +29,7 @@ def draw_outcomes(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw one bar per cell, divided by the outcomes of its runs; the share of right runs is also written beside it.
-
-    Args:
-        frame: one row per cell with the columns ``cell`` (text) and the counts of runs ``right``, ``wrong``, ``split``,
-            ``incomplete`` and ``truth_undefined`` (missing columns and nulls count as 0). If it has ``right_low`` and
-            ``right_high`` (shares, 0 to 1), they are drawn as the interval of the share of right runs.
-        interval: what that interval is, for the caption. unit: what is counted, "run" or "robot".
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``cell``, ``runs`` (a count), the shares of the outcomes (null: the cell has
-        no runs), and ``right_low`` and ``right_high``.
-    Raises:
-        InputError: the frame is not as described.
-    """
+    """Draw one bar per cell, divided by the outcomes of its runs, with the share of right runs and its ``interval``."""
     kinds = list(OUTCOMES)
     frame = tidy(frame, texts=("cell",), optional=(*kinds, "right_low", "right_high"))
     frame = frame.with_columns(pl.col(kinds).fill_null(0.0)).with_columns(runs=pl.sum_horizontal(kinds))
@@ -72,7 +54,6 @@ def draw_outcomes(
 
 
 def _bar(rows: Rows, row: int, values: dict[str, Any], seen: list[str], unit: str) -> None:
-    """Draw the stacked bar of a cell, with the interval of its share of right runs, which is also written."""
     if not values["runs"]:
         rows.axes.text(0.5, row, f"no {unit}s", ha="center", va="center")
         return

@@ -1,7 +1,6 @@
-"""Box pictures: the distribution of a value over the runs of each cell, including undecided runs.
+"""Box pictures: the distribution of a value over the runs of each cell.
 
-A run without a value is undecided. If the end of the runs is known, an undecided run counts as later than the end: a
-quantile that falls among undecided runs is drawn in a shaded band right of the end.
+If the end of the runs is known, undecided runs count as later: a quantile among them is drawn in a band right of it.
 """
 
 from __future__ import annotations
@@ -37,21 +36,7 @@ def draw_boxes(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw one box per cell and series: median, quartiles, and 5 % to 95 % of the runs.
-
-    Args:
-        frame: one row per run with the columns ``cell`` (text), ``value`` (number; null or NaN: undecided), and for
-            several boxes in a cell ``series`` (text). Cells and series are drawn in order of appearance.
-        label: of the axis, with its unit.
-        t_end: end of the runs, in the unit of the axis. Undecided runs then count as later than ``t_end``. If it is
-            None, quantiles are those of the decided runs; the share of the others is written at the right.
-        missing: word for runs without a value. title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers have one row per box: ``cell, series, runs, undecided``, and the quantiles ``q05,
-        q25, median, q75, q95`` (null: later than t_end; or, without t_end, no run is decided).
-    Raises:
-        InputError: the frame is not as described, or a value is later than ``t_end``.
-    """
+    """Draw one box per cell and series: median, quartiles, and 5 % to 95 % of the runs."""
     frame, series = with_series(tidy(frame, numbers=("value",), texts=("cell",)))
     latest: Any = frame["value"].max()
     if t_end is not None and latest is not None and latest > t_end:
@@ -100,10 +85,7 @@ def _end_band(rows: Rows, end: float | None) -> float | None:
 
 
 def quantile(values: NDArray[np.float64], q: float, size: int) -> float | None:
-    """Return a quantile of ``size`` runs, of which those beyond ``values`` (sorted) are later than all others.
-
-    It is interpolated linearly between neighbouring runs; None if one of them has no value.
-    """
+    """Return a quantile of ``size`` runs, of which those beyond ``values`` (sorted) are later than all others."""
     place = q * (size - 1)
     low, high = math.floor(place), math.ceil(place)
     if size == 0 or high >= values.size:

@@ -35,20 +35,7 @@ def draw_heat(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw one cell for each pair of x and y, coloured by its value; y grows upwards.
-
-    Args:
-        frame: one row per cell with the columns ``x`` and ``y`` (numbers, which are sorted, or text, in order of
-            appearance), ``value`` (null: no value), and if known ``runs``. Cells without value or row are hatched.
-        x_label, y_label, label: of x, y and the value, with their units.
-        best: which value is best, "low" or "high": cells with this value are outlined. None: no cell is.
-        digits: significant digits of the numbers in the cells. percent: whether values are shares.
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``x, y, value, runs, best`` (whether outlined).
-    Raises:
-        InputError: the frame is not as described.
-    """
+    """Draw one cell for each pair of x and y, coloured by its value; y grows upwards."""
     sizes = style_named(style)
     frame = tidy(frame, numbers=("value",), optional=("runs",))
     xs, ys = (_order(frame[name]) for name in ("x", "y"))
@@ -106,7 +93,6 @@ def best_cells(grid: NDArray[np.float64], best: str | None) -> NDArray[np.bool_]
 
 
 def _draw_grid(axes: Any, grid: NDArray[np.float64], chosen: NDArray[np.bool_], style: Style) -> Any:
-    """Draw the cells of a map, row 0 at the bottom, hatched where they have no value; outline chosen ones."""
     from matplotlib.patches import Rectangle
 
     rows, columns = grid.shape
@@ -131,7 +117,6 @@ def _draw_grid(axes: Any, grid: NDArray[np.float64], chosen: NDArray[np.bool_], 
 
 
 def _write_numbers(axes: Any, grid: NDArray[np.float64], digits: int) -> None:
-    """Write the values into the cells, light on dark colours and dark on light ones."""
     decimals, low, high = (
         decimals_of(grid.flat, digits),
         np.nanmin(grid, initial=np.inf),
@@ -167,24 +152,7 @@ def draw_density(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw the density of samples (samples per area) over the arena, with the borders of vibrating tiles on top.
-
-    The density is relative to that of uniform sampling, which is 1 everywhere.
-
-    Args:
-        frame: one row per sample with the columns ``x_m, y_m``; or one row per place, with the number of samples there
-            in ``count``.
-        width_m, height_m: of the arena. bins: number of bins along the longer side; bins are nearly square.
-        tiles: (rows, columns), 1 vibrating and 0 still, row 0 at the top; None: no tiles are drawn.
-        tile_size_m: width and height of a tile; None: the tiles fill the arena.
-        corner_m: lower left corner of the floor in the arena.
-        highest: density at the upper end of the colours; None: the highest density of a bin.
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``x_low_m, x_high_m, y_low_m, y_high_m, count, density``.
-    Raises:
-        InputError: the frame is not as described, or has no sample in the arena.
-    """
+    """Draw the density of samples over the arena, relative to uniform sampling, with the borders of vibrating tiles."""
     sizes = style_named(style)
     frame = tidy(frame, numbers=("x_m", "y_m"), optional=("count",))
     x, y = frame["x_m"].to_numpy(), frame["y_m"].to_numpy()
@@ -230,7 +198,6 @@ def _draw_borders(
     corner_m: tuple[float, float],
     arena_m: tuple[float, float],
 ) -> None:
-    """Draw double lines between tiles of different kinds, and a dot in each tile that is not still."""
     from matplotlib.collections import LineCollection
 
     rows, columns = tiles.shape

@@ -24,17 +24,7 @@ def draw_spectrum(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw amplitudes over frequency, logarithmically, with a mark and an interval at each line.
-
-    Args:
-        frame: one row per frequency with the columns ``hz, amplitude`` (above 0), and for several spectra ``series``.
-        lines: one row per line with the columns ``hz, low, high, amplitude``; may be empty.
-        label: of the amplitude, with its unit. title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``series, hz, amplitude``.
-    Raises:
-        InputError: the frames are not as described.
-    """
+    """Draw amplitudes over frequency, logarithmically, with a mark and an interval at each line."""
     sizes = style_named(style)
     frame, series = with_series(tidy(frame, numbers=("hz", "amplitude")))
     figure, axes = plain_axes(sizes, "frequency (Hz)", label, title=title)

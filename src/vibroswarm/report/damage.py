@@ -1,4 +1,4 @@
-"""What an inspection says about damage: is there any, what would have been missed, may one stop, does the law hold."""
+"""What an inspection says about damage: is there any, what would have been missed, may one stop, does the law hold?"""
 
 from __future__ import annotations
 
@@ -98,11 +98,7 @@ def _risk(found: Assessment) -> pl.DataFrame:
 def plan_report(
     table: pl.DataFrame, want_m: float | None, setting: str, made_by: Mapping[str, str]
 ) -> Report:
-    """Return what robots and time buy (``missed.plan``), and what is enough for a wanted size.
-
-    Args:
-        want_m: size that should be found in 90 % of inspections; None: the smallest.
-    """
+    """Return what robots and time buy (``missed.plan``), and what is enough for a wanted size."""
     effort = pl.col("robots") * pl.col("until_s")
     if want_m is None:
         best, found = table.drop_nulls("a90_m").sort("a90_m", effort), "the smallest of these plans"

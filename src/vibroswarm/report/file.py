@@ -38,11 +38,7 @@ def of_scenario(scenario: Scenario) -> Report:
 
 
 def of_path(path: Path) -> Report:
-    """Return the report of what a command has written, or of a file of a scenario, study, search or table.
-
-    Raises:
-        InputError: there is nothing that can be shown.
-    """
+    """Return the report of what a command has written, or of a file of a scenario, study, search or table."""
     if path.is_dir():
         return _of_folder(path)
     if path.suffix == ".toml":
@@ -54,7 +50,6 @@ def of_path(path: Path) -> Report:
 
 
 def _of_folder(folder: Path) -> Report:
-    """Return the saved report of a folder, or that of the runs in it."""
     if (folder / DATA).is_file():
         return read(folder / DATA)
     kind = kind_of(folder)

@@ -32,11 +32,7 @@ UNKNOWN_THRESHOLD: Final = (
 
 
 def of_import(recording: Recording, computed: Sequence[str] = ()) -> Report:
-    """Return what an import read: the sessions' outcomes, the settings of the robots, and what was odd in the logs.
-
-    Args:
-        computed: sentences on energies computed from acceleration.
-    """
+    """Return what an import read: the sessions' outcomes, the robots' settings, and what was odd in the logs."""
     logs = [str(one["log"]) for one in recording.sessions]
     sessions = recording.runs.select("consensus", "consensus_time_s").insert_column(0, pl.Series("log", logs))
     counts = [
@@ -157,7 +153,6 @@ def of_threshold(found: Recommendation) -> Report:
 
 
 def _threshold_warnings(recording: Recording, scenario: Scenario) -> tuple[str, ...]:
-    """Warn if samples are read by a threshold that nobody stated and the logs do not show."""
     threshold = recording.scenario.sensor.rms_threshold
     if recording.knows("sensor.rms_threshold") or scenario.sensor.rms_threshold != threshold:
         return ()

@@ -1,7 +1,6 @@
 """A report: an answer of at most three sentences, warnings, tables, pictures, and how it was made.
 
-``report(result)`` makes one; each kind of result registers a function of its own. Numbers stand in tables, whose
-columns say by their names how they are written (``format``).
+``report(result)`` makes one, by a function registered for each kind of result.
 """
 
 from __future__ import annotations

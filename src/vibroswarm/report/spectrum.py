@@ -65,7 +65,6 @@ def _lines(spectra: Sequence[Spectrum], title: str, unit: str) -> Table:
 
 
 def _drawn(found: Spectra, spectra: Sequence[Spectrum]) -> Picture:
-    """Draw some spectra, with the lines of the first if it is alone."""
     names = [spectrum.name for spectrum in spectra]
     frame = spectra_frame(found).filter(
         pl.col("where").is_in(names), pl.col("hz") > 0.0, group=spectra[0].group

@@ -1,8 +1,4 @@
-"""Fields of ``[change]``: how the floor changes during a run; by default it stays as it is.
-
-Either at given times, to another floor each, or at random, with a rate. ``floors.changes`` draws the changes, and
-docs/floors.md says what a right answer is then.
-"""
+"""Fields of ``[change]``: how the floor changes during a run (``floors.changes``); by default it stays as it is."""
 
 from __future__ import annotations
 
@@ -58,7 +54,6 @@ class Change(FrozenModel):
     @field_validator("at_s", "to", mode="before")
     @classmethod
     def _listed(cls, value: object) -> object:
-        """Turn one value into a list of it."""
         return [value] if isinstance(value, str | int | float) and not isinstance(value, bool) else value
 
     @model_validator(mode="after")
@@ -94,14 +89,7 @@ class Change(FrozenModel):
     def changes(
         self, floor: Floor, arena_m: tuple[float, float], until_s: float, seed: int, run: int
     ) -> Changes:
-        """Return the changes of a run's floor.
-
-        Args:
-            floor: at time 0. arena_m: width and height of the arena, inside which patches appear. until_s: time up to
-                which tiles are redrawn. seed, run: select random changes.
-        Raises:
-            InputError: ``to`` names no floor, or one of another size.
-        """
+        """Return the changes of a run's floor."""
         tiles = floor.tiles
         if self.rate_per_h is not None:
             shares = self.shares or (np.bincount(tiles.ravel()) / tiles.size).tolist()
@@ -117,11 +105,6 @@ class Change(FrozenModel):
 def _next(
     to: str, floor: Floor, arena_m: tuple[float, float], number: int, seed: int, run: int
 ) -> NDArray[np.uint8]:
-    """Return what the tiles of a floor become at change ``number`` (from 0) of a run.
-
-    Raises:
-        InputError: ``to`` names no floor, a floor of another size, or inverts tiles of more than two kinds.
-    """
     tiles = floor.tiles
     if to == GROW:
         return grown(tiles)
@@ -144,10 +127,7 @@ def _next(
 def _patched(
     name: str, floor: Floor, arena_m: tuple[float, float], number: int, seed: int, run: int
 ) -> NDArray[np.uint8]:
-    """Return the tiles of a floor with patches that appear at change ``number`` of a run.
-
-    Tiles vibrate whose middle is in a patch, and that below its middle.
-    """
+    """Return the tiles of a floor with patches that appear at change ``number`` of a run."""
     rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
     x_m = (left_m + (np.arange(columns) + 0.5) * width_m)[None, :]
     y_m = (bottom_m + (rows - np.arange(rows) - 0.5) * height_m)[:, None]

@@ -1,9 +1,4 @@
-"""Fields of ``[faults]``: which robots fail, how, and from when on.
-
-A fault affects a share of the swarm, or the robots that are listed. It begins at a given time, or for each robot at a
-time drawn from a range. By default no robot fails. ``vibroswarm.scenario.fault_draws`` draws which robots fail;
-docs/networks-and-faults.md describes the model.
-"""
+"""Fields of ``[faults]``: which robots fail, how, and from when on (``fault_draws``); by default none."""
 
 from __future__ import annotations
 

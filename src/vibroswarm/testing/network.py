@@ -1,7 +1,4 @@
-"""Checks of every network, each a function that yields what is wrong, in words; nothing if all is well.
-
-All checks run on the same scenarios: swarms of two sizes with the network, in an eventful minute (``SHORT``).
-"""
+"""Checks of every network, each a function that yields what is wrong, in words; nothing if all is well."""
 
 from __future__ import annotations
 
@@ -42,19 +39,11 @@ OF_OURS: Final[dict[str, dict[str, Any]]] = {
 
 
 def check_network(name: str) -> list[Finding]:
-    """Run all checks of a registered network, and return their findings in order.
-
-    Args:
-        name: of the network, as in scenarios.
-    """
+    """Run all checks of a registered network, and return their findings in order."""
     return run_checks(CHECKS, name)
 
 
 def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
-    """Yield the scenarios in which the network ``name`` is checked, each with its description.
-
-    Robots send at each sample.
-    """
     own = {**SHORT, "network.name": name, "strategy.name": "positive", **OF_OURS.get(name, {})}
     found = []
     for robots in SIZES:
@@ -70,7 +59,6 @@ def _pieces(name: str) -> Pieces:
 
 
 def _received_was_sent(scenario: Scenario) -> Iterator[str]:
-    """Check that no robot receives more messages than the others sent."""
     robots = simulate(scenario, SEED, 2).robots
     # Signed numbers, so that no difference wraps below 0.
     of_others = pl.col("sent").cast(pl.Int64).sum().over("run") - pl.col("sent")

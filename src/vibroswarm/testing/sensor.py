@@ -1,8 +1,4 @@
-"""Checks of every sensor, each a function that yields what is wrong, in words; nothing if all is well.
-
-A sensor measures values on each kind of tile, and reads them as classes (``sensors.base``). Checks use its default
-parameters.
-"""
+"""Checks of every sensor, by its default parameters, each a function that yields what is wrong, in words."""
 
 from __future__ import annotations
 
@@ -25,11 +21,7 @@ MARGIN: Final = 2.0 / U.size
 
 
 def check_sensor(name: str) -> list[Finding]:
-    """Run all checks of a registered sensor, and return their findings in order.
-
-    Args:
-        name: of the sensor, as in scenarios.
-    """
+    """Run all checks of a registered sensor, and return their findings in order."""
     return run_checks(CHECKS, name)
 
 
@@ -43,7 +35,6 @@ def _model_and_params(name: str) -> tuple[SensorModel, Any]:
 
 
 def _kinds(name: str) -> Iterator[tuple[SensorModel, Any, int]]:
-    """Yield a sensor, its parameters and a kind of tile, for each kind."""
     model, p = _model_and_params(name)
     for kind in range(model.number_of("kinds", p)):
         yield model, p, kind
@@ -55,10 +46,6 @@ def _values(model: SensorModel, kind: int, p: Any) -> NDArray[np.float64]:
 
 
 def _readings(name: str) -> Iterator[str]:
-    """Check that values are finite, and that readings are classes that never fall as u grows.
-
-    ``SensorModel.values`` and ``classes`` themselves raise an error at other values, and ``run_check`` reports it.
-    """
     for model, p, kind in _kinds(name):
         falls = np.diff(model.classes(_values(model, kind, p), p)) < 0
         if model.sense is None and falls.any():
@@ -83,7 +70,6 @@ def _in_parts(function: Callable[[NDArray[Any]], NDArray[Any]], values: NDArray[
 
 
 def _shares(name: str) -> Iterator[str]:
-    """Check that the shares of classes are those that are measured."""
     for model, p, kind in _kinds(name):
         classes = model.classes(_values(model, kind, p), p)
         measured = [(classes <= j).mean() for j in range(model.number_of("readings", p) - 1)]
@@ -93,14 +79,12 @@ def _shares(name: str) -> Iterator[str]:
 
 
 def _shares_up_to(model: SensorModel, kind: int, p: Any) -> NDArray[np.float64]:
-    """Return the stated shares of readings up to each class but the last."""
     if model.share_at_most is not None:
         return np.atleast_1d(model.share_at_most(kind, np.asarray(p.rms_threshold), p))
     return np.asarray(model.shares_up_to(kind, np.ones(1), p)[0])
 
 
 def _likelihoods(name: str) -> Iterator[str]:
-    """Check that likelihoods are finite. ``SensorModel.densities`` itself raises an error at what is no density."""
     for (model, p, kind), (*_, measured_on) in product(_kinds(name), _kinds(name)):
         values = _values(model, measured_on, p)
         if model.likelihood is not None and np.isinf(model.densities(kind, values, p)).any():

@@ -1,8 +1,4 @@
-"""Checks of every strategy, each a function that yields what is wrong, in words; nothing if all is well.
-
-All checks run on the same scenarios: settings of ``SETTINGS`` with the strategy, in an eventful minute
-(``SHORT``).
-"""
+"""Checks of every strategy, each a function that yields what is wrong, in words; nothing if all is well."""
 
 from __future__ import annotations
 
@@ -43,16 +39,11 @@ the last kind."""
 
 
 def check_strategy(name: str) -> list[Finding]:
-    """Run all checks of a registered strategy, and return their findings in order.
-
-    Args:
-        name: of the strategy, as in scenarios.
-    """
+    """Run all checks of a registered strategy, and return their findings in order."""
     return run_checks(CHECKS, name)
 
 
 def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
-    """Yield the scenarios in which the strategy ``name`` is checked, each with its description."""
     own, strategy = {**SHORT, "strategy.name": name}, strategy_of(name)
     for words, values in SETTINGS.items():
         yield words, preset("paper").with_values(own | values)
@@ -66,10 +57,6 @@ def _pieces(name: str) -> Pieces:
 
 
 def _runs(scenario: Scenario) -> Iterator[str]:
-    """Check that decisions are -1 or answers, and beliefs from 0 to 1, at all samples.
-
-    Answers are 0 and 1 or, of a strategy that ``answers_kinds``, the kinds of tile.
-    """
     inference = simulate(scenario, SEED, 2).inference
     answers = scenario.sensor.kinds if strategy_of(scenario.strategy.name).answers_kinds else 2
     if not inference["decision"].is_in(range(-1, answers)).all():

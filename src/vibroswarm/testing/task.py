@@ -1,8 +1,4 @@
-"""Checks of every task, each a function that yields what is wrong, in words; nothing if all is well.
-
-A task gives the right decision of a floor, such as 0 or 1, or None if no decision is right, or a number, or both. All
-checks try the same floors, of two and of four kinds of tile.
-"""
+"""Checks of every task, on the same floors of two and four kinds, each a function that yields what is wrong."""
 
 from __future__ import annotations
 
@@ -28,11 +24,7 @@ KINDS: Final = 4
 
 
 def check_task(name: str) -> list[Finding]:
-    """Run all checks of a registered task, and return their findings in order.
-
-    Args:
-        name: of the task, as in scenarios.
-    """
+    """Run all checks of a registered task, and return their findings in order."""
     return run_checks(CHECKS, name)
 
 
@@ -52,21 +44,13 @@ def floors(scenario: Scenario) -> dict[str, Floor]:
 
 
 def _scenario(name: str) -> Scenario:
-    """Return the default scenario with the task ``name`` and four kinds of tile.
-
-    No strategy is asked, so it need not be able to answer.
-    """
     sensor = Sensor.model_validate({"model": "confusion", "confusion": {"kinds": KINDS}})
     task_of_name = TaskChoice.model_validate({"name": name})
     return Scenario().model_copy(update={"sensor": sensor, "task": task_of_name})
 
 
 def given_on(scenario: Scenario, floor: Floor) -> tuple[str, ...]:
-    """Return what the scenario's task gives on a floor: the right decision (nan: none), the number, or both.
-
-    Raises:
-        CodeError: it gives anything else, or raises an error.
-    """
+    """Return what the scenario's task gives on a floor: the right decision (nan: none), the number, or both."""
     asks, given = task(scenario.task.name), list[float]()
     if not asks.estimated:
         given.append(float(truth_of_robot(scenario, floor, ())[1][0]))
@@ -81,7 +65,6 @@ def _pieces(name: str) -> Pieces:
 
 
 def _same_again(name: str) -> Iterator[str]:
-    """Check that the task gives one of its answers, the same for an equal floor, and leaves floors as they are."""
     scenario = _scenario(name)
     first = {words: given_on(scenario, floor) for words, floor in floors(scenario).items()}
     for words, floor in reversed(floors(scenario).items()):

@@ -1,7 +1,7 @@
 """Item 8: the published means of the real experiments beside ours on the real floor.
 
-Threshold theta_E and gate (what O_c counts) of the experiments are unknown, so all six pairs are run, and our mean time
-is a band over them. The pair ``FITTED`` was chosen by the published times without feedback: a fit, not a test.
+Their theta_E and gate (what O_c counts) are unknown, so all six pairs are run, and our mean time is a band. The pair
+``FITTED`` was chosen by the published times without feedback: a fit, not a test.
 """
 
 from __future__ import annotations
@@ -90,14 +90,7 @@ def compute(work: Work, made: Made) -> None:
 def beside_published(
     work: Work, figure: str, path: str, settings: list[tuple[float, str]] | None = None
 ) -> pl.DataFrame:
-    """Return our means beside the published ones by column, setting, strategy and swarm size, with 95 % limits.
-
-    Those of the difference have the error of 15 experiments that vary as our runs do.
-
-    Args:
-        path: of the published means; those of each strategy below it, or without feedback.
-        settings: pairs of threshold and gate; None: those of the text and ``FITTED``.
-    """
+    """Return our means beside the published ones by column, setting, strategy and swarm size, with 95 % limits."""
     means = published(path)
     rows = []
     for column in (column for column in work.settings.columns if ("experiments", column) in work.cells):
@@ -137,7 +130,6 @@ def _bands(times: pl.DataFrame) -> pl.DataFrame:
 
 
 def _loss(work: Work) -> pl.DataFrame:
-    """Return the time with positive feedback less that without, run by run, with and without loss."""
     printed = np.subtract(published(f"experiments.{TIME}.positive"), published(f"experiments.{TIME}.none"))
     gaps = dict(zip(sizes(), printed, strict=True))
     rows: list[dict[str, Any]] = []

@@ -98,10 +98,6 @@ def _unexplained(work: Work, robots: int) -> Interval:
 
 
 def subset_sd(once: NDArray[np.float64], redrawn: NDArray[np.float64], robots: int) -> float:
-    """Return S, m; nan if the distance does not vary more with speeds that robots keep.
-
-    Args:
-        once, redrawn: mean distance of each run, m, (runs,), with speeds that robots keep, or drawn at every sample.
-    """
+    """Return S, m; nan if the distance does not vary more with speeds that robots keep."""
     variance = float(once.var(ddof=1) - redrawn.var(ddof=1)) * (POOL - robots) / POOL
     return math.sqrt(variance) if variance > 0 else math.nan

@@ -52,7 +52,6 @@ def compute(work: Work, made: Made) -> None:
 
 
 def _costs(cells: Cells, label: str) -> NDArray[np.float64]:
-    """Return the cost of each run with each eta and kappa, (choices, runs)."""
     return np.array(
         [
             cells.by_run(place, "decision_time_s") / cells.cells[place].scenario.run.t_end_s
@@ -63,11 +62,7 @@ def _costs(cells: Cells, label: str) -> NDArray[np.float64]:
 
 
 def regrets(there: NDArray[np.float64], here: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the regret of each run with the choice of another case, (runs,), at least two.
-
-    Args:
-        there: costs of the other case, (choices, runs). here: costs of the case itself.
-    """
+    """Return the regret of each run with the choice of another case, (runs,), at least two."""
     regret = np.empty(here.shape[1])
     for half in (0, 1):  # even runs are judged by the choice of odd runs, and the other way round
         other, own = (int(costs[:, 1 - half :: 2].mean(axis=1).argmin()) for costs in (there, here))

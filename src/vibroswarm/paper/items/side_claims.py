@@ -1,7 +1,4 @@
-"""Item 11: density of samples in the corners, for P0, with the sample timer as it is and frozen in avoidance.
-
-The density is the number of samples on an area over that of uniformly spread samples.
-"""
+"""Item 11: density of samples in the corners, for P0, with the sample timer as it is and frozen in avoidance."""
 
 from __future__ import annotations
 
