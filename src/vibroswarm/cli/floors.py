@@ -7,9 +7,8 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli import terminal
-from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.command_line import Option, share
 from vibroswarm.cli.deliver import print_report, print_saved_file
-from vibroswarm.cli.option_values import share
 from vibroswarm.cli.options import Force, Json, OutFile
 from vibroswarm.errors import named
 

@@ -8,12 +8,10 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
 
-from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver, print_report, print_saved_file
+from vibroswarm.cli.command_line import Option, refuse
+from vibroswarm.cli.deliver import claim, deliver, print_report, print_saved_file
 from vibroswarm.cli.inspection import size
-from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Drawn, Force, Json, OutFile, Required, ScenarioOptions
-from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.scenario_options import keywords_of, scenario_from, scenario_named
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, write_file

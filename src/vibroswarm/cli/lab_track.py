@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver
-from vibroswarm.cli.option_values import pair_of, refuse
+from vibroswarm.cli.command_line import Option, pair_of, refuse
+from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Required, ScenarioOptions
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import progress_bar
 from vibroswarm.cli.scenario_options import keywords_of, scenario_from
+from vibroswarm.cli.terminal import progress_bar
 from vibroswarm.errors import named
 
 if TYPE_CHECKING:

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver
+from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Paged, SwarmOptions, Where
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import STAGES
 from vibroswarm.cli.scenario_options import keywords_of, warned
 from vibroswarm.cli.studies import print_plan
+from vibroswarm.cli.terminal import STAGES
 
 
 @dataclass(kw_only=True)

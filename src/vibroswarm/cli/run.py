@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from vibroswarm.cli.deliver import deliver
+from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Drawn, Simulated
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import scenario_from
+from vibroswarm.cli.terminal import progress_bar, say_compiling
 
 
 def run(*, scenario: Simulated, output: Drawn) -> None:

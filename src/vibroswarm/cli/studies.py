@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver
-from vibroswarm.cli.option_values import refuse, share
+from vibroswarm.cli.command_line import Option, refuse, share
+from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Drawn, Paged, Parts, Seed, Simulated, SwarmOptions, Tiles
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import STAGES, say_compiling
 from vibroswarm.cli.scenario_options import keywords_of, warn_of
-from vibroswarm.cli.terminal import report
+from vibroswarm.cli.terminal import STAGES, report, say_compiling
 from vibroswarm.errors import named
 
 if TYPE_CHECKING:
