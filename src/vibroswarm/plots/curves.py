@@ -1,5 +1,4 @@
-"""Curves: decided right (upwards) and wrong (downwards) over time; probability of missing a floor over its fill
-ratio."""
+"""Curves: decided right and wrong over time; probability of missing a floor over its fill ratio; spectra."""
 
 from __future__ import annotations
 
@@ -7,7 +6,7 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.core.numbers import stated_percent
+from vibroswarm.core.numbers import count, stated_percent
 from vibroswarm.plots.error_bars import draw_along, series_handle
 from vibroswarm.plots.inputs import most, run_counts, tidy, with_series
 from vibroswarm.plots.layout import (
@@ -128,3 +127,39 @@ def draw_detection(
     caption = f"{label} over {x_label}: estimate and {interval}" + (f" over {of_runs(runs)}" if runs else "")
     numbers = frame.select("fill_ratio", "series", "missed", "low", "high", "runs")
     return Picture(figure, numbers, "; ".join([caption, *lines]) + ".")
+
+
+MOST_LABELS = 6
+"""Lines whose frequency is written."""
+
+
+@drawn
+def draw_spectrum(
+    frame: pl.DataFrame,
+    lines: pl.DataFrame,
+    *,
+    label: str = "amplitude (m/s²)",
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Draw amplitudes over frequency, logarithmically, with a mark and an interval at each line."""
+    sizes = style_named(style)
+    frame, series = with_series(tidy(frame, numbers=("hz", "amplitude")))
+    figure, axes = plain_axes(sizes, "frequency (Hz)", label, title=title)
+    looks = looks_of(series)
+    for name, look in zip(series, looks, strict=True):
+        part = frame.filter(series=name).sort("hz")
+        axes.plot(part["hz"], part["amplitude"], linestyle=look.line, color=look.colour)
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, 1.6 * high)  # room for the frequencies above the lines
+    for place, row in enumerate(lines.sort("amplitude", descending=True).iter_rows(named=True)):
+        axes.axvspan(row["low"], row["high"], color=FAINT, alpha=0.4, linewidth=0)
+        if place < MOST_LABELS:
+            at = (row["hz"], row["amplitude"])
+            axes.annotate(number(row["hz"], 4), at, ha="center", va="bottom", fontsize="small")
+    if len(series) > 1:
+        legend_below(figure, sizes, [series_handle(look, mark=False) for look in looks], series)
+    bands = f"; bands: 95 % intervals of {count(lines.height, 'line')}" if lines.height else ""
+    caption = f"Amplitude of sines in the readings over frequency{bands}."
+    return Picture(figure, frame.select("series", "hz", "amplitude"), caption)

@@ -1,4 +1,4 @@
-"""The reports of what is on disk: folders that commands wrote, scenarios, studies, searches, tables and floors."""
+"""The reports of what is on disk: folders that commands wrote, files, and saved runs that were simulated again."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.core.folders import kind_of
-from vibroswarm.core.numbers import count, listed
+from vibroswarm.core.numbers import count, listed, percent
 from vibroswarm.core.tables import read_frame
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
 from vibroswarm.report.report import Report, Table, report
 from vibroswarm.report.save import DATA, read
 from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.simulation import versions
+from vibroswarm.study.verify import Verified
 
 OF_SEARCH: Final = {"space", "objective", "search"}
 OF_STUDY: Final = {"grid", "zip", "list", "sobol", "runs", "until"}
@@ -85,3 +87,21 @@ def _of_toml(path: Path) -> Report:
 
 def _text(value: Any) -> str:
     return "-" if value is None else " ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+@report.register
+def of_verified(verified: Verified) -> Report:
+    """Return how many runs came out the same, and which did not."""
+    again = verified.runs.height
+    upper = percent(verified.differing_share.high, None, digits=2)
+    answer = (
+        f"{'Verified' if verified.holds else 'NOT VERIFIED'}: {verified.same} of {count(again, 'run')} came out the "
+        f"same again, bit by bit; of all {verified.saved}, less than {upper} differ (95 %).",
+    )
+    return Report(
+        f"Runs of {verified.folder} simulated again",
+        answer,
+        {"differing": Table(verified.runs.filter(~verified.runs["same"]).drop("same"), "Differing runs")},
+        warnings=tuple(f"damaged: {path}" for path in verified.damaged),
+        made_by=versions(),
+    )

@@ -81,7 +81,7 @@ KINDS: Final = {
     "vibroswarm.study.runs": "study",
     "vibroswarm.study.detection": "detection",
     "vibroswarm.scenario.scenario": "file",
-    "vibroswarm.study.verify": "verified",
+    "vibroswarm.study.verify": "file",
     "vibroswarm.search.sensitivity": "search",
     "vibroswarm.search.options": "search",
     "vibroswarm.league.play": "league",
@@ -92,7 +92,7 @@ KINDS: Final = {
     "vibroswarm.paper.reproduce": "reproduction",
     "vibroswarm.export.c_library": "export",
     "vibroswarm.lab.recordings.replay": "recording",
-    "vibroswarm.lab.recordings.spectrum": "spectrum",
+    "vibroswarm.lab.recordings.spectrum": "recording",
     "vibroswarm.lab.recordings.threshold": "recording",
 }
 """Module of a kind of report, by that of the result's class; it is imported when the first of its reports is made."""

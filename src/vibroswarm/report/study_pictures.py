@@ -11,9 +11,8 @@ import polars as pl
 
 from vibroswarm.core.numbers import count
 from vibroswarm.inference.outcomes import CONSENSUS
-from vibroswarm.plots.comparisons import draw_outcomes
 from vibroswarm.plots.curves import draw_incidence
-from vibroswarm.plots.distributions import draw_boxes
+from vibroswarm.plots.distributions import draw_boxes, draw_outcomes
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
