@@ -28,7 +28,7 @@ from vibroswarm.lab.recordings.read_tables import Use, read_rows
 from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.result import Result
-from vibroswarm.scenario.fault_fields import failing_sensors
+from vibroswarm.scenario.disturbance_fields import failing_sensors
 
 KEY: Final = ("run", "robot", "sample")
 LARGEST: Final = 1e9
