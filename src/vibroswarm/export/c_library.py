@@ -18,8 +18,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import RunError
 from vibroswarm.export.assembly import RobotParts, parts_of
 from vibroswarm.export.c_program import c_sources
-from vibroswarm.export.parameters import HEADER_FILE, header_text
-from vibroswarm.export.templates import ASSETS, rendered
+from vibroswarm.export.parameters import ASSETS, HEADER_FILE, header_text, rendered
 from vibroswarm.scenario.scenario import Scenario
 
 COMMON: Final = ("vibroswarm_runtime.h", "vibroswarm_mathematics.h", "vibroswarm_radio.c")

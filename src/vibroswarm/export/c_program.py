@@ -28,9 +28,8 @@ from vibroswarm.export.c_types import (
     struct_of_row,
     typedef,
 )
-from vibroswarm.export.parameters import ROWS, macro_of
+from vibroswarm.export.parameters import ROWS, macro_of, rendered
 from vibroswarm.export.source import plain
-from vibroswarm.export.templates import rendered
 from vibroswarm.robot.sensing import ClassBorders, SenseProgram, SenseState
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkProgram, WalkState
 from vibroswarm.strategies.base import fields_of

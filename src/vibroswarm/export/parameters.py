@@ -1,6 +1,6 @@
-"""The header of parameters of an exported C program: it is written, and compared with a scenario.
+"""Texts of an exported library by templates; its header of parameters is written, and compared with a scenario.
 
-It holds each field as a line ``//@ section.field = value``, and each constant as a ``#define``.
+The header holds each field as a line ``//@ section.field = value``, and each constant as a ``#define``.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -22,8 +23,33 @@ from vibroswarm.errors import InputError
 from vibroswarm.export.assembly import RobotParts, omitted_of_world
 from vibroswarm.export.c_types import literal
 from vibroswarm.export.source import number_of
-from vibroswarm.export.templates import rendered
 from vibroswarm.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+ASSETS: Final = Path(__file__).parent / "assets"
+"""The folder of templates, and of files that are the same for every scenario."""
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(ASSETS),
+        undefined=StrictUndefined,
+        autoescape=False,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+def rendered(name: str, **values: Any) -> str:
+    """Return the text of the file ``name`` of a library, with values of its template."""
+    return _environment().get_template(f"{name}.j2").render(values)
+
 
 ROWS: Final = {
     "PARAMS": "Params",

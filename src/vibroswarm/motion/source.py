@@ -47,7 +47,7 @@ from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError, shown
 from vibroswarm.motion.motion_tables import Collected, Failure, Motion, Rows, Sink
 from vibroswarm.scenario import plugins
-from vibroswarm.scenario.fault_fields import MOTION_FAULTS
+from vibroswarm.scenario.disturbance_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
 
 PIECE_S = 100.0

@@ -17,9 +17,8 @@ from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
-from vibroswarm.scenario.change_fields import change_words
+from vibroswarm.scenario.disturbance_fields import MOTION_FAULTS, change_words
 from vibroswarm.scenario.fault_draws import fault_words
-from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.map_figures import keeps_floor_map, maps_over_time
 from vibroswarm.statistics.robot_knowledge import true_places_notes

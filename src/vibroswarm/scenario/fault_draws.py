@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, FAULT, MISREAD, uniform
-from vibroswarm.scenario.fault_fields import FAULTS, SENSOR_FAULTS, SINCE, count_of
+from vibroswarm.scenario.disturbance_fields import FAULTS, SENSOR_FAULTS, SINCE, count_of
 from vibroswarm.scenario.scenario import Scenario
 
 NUMBER_OF: Final = {

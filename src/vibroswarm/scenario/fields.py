@@ -34,9 +34,8 @@ from vibroswarm.errors import InputError, named
 from vibroswarm.floors.floor import DIGITS, Floor, as_levels
 from vibroswarm.floors.source import is_generated, named_tiles
 from vibroswarm.floors.surfaces import is_patches, named_patches
-from vibroswarm.scenario.change_fields import Change
 from vibroswarm.scenario.choices import Choice, NetworkChoice, StrategyChoice, TaskChoice
-from vibroswarm.scenario.fault_fields import Faults, MotionFaults
+from vibroswarm.scenario.disturbance_fields import Change, Faults, MotionFaults
 from vibroswarm.scenario.localisation_fields import Localisation, Odometry, PlaceMethod
 from vibroswarm.sensors import known as known_sensors
 from vibroswarm.sensors.confusion import Rates

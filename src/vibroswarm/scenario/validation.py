@@ -9,7 +9,7 @@ from collections.abc import Callable
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
-from vibroswarm.scenario.fault_fields import check_faults
+from vibroswarm.scenario.disturbance_fields import check_faults
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.sensors.confusion import check_rates
 from vibroswarm.strategies.base import Plugin
