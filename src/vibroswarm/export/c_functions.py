@@ -145,8 +145,7 @@ class Function(Calls):
         self.pending, self.written = [], set()
 
     def translated(self, name: str, *, is_public: bool) -> Compiled:
-        """Return the function in C, translated again until no type widens; parameters that it does not use are left
-        out."""
+        """Return the function in C, translated again until no type widens; parameters not used are left out."""
         before: Any = None
         while before != (self.types, self.returns):
             before = dict(self.types), self.returns
@@ -345,8 +344,7 @@ class Function(Calls):
         )
 
     def assign(self, target: ast.expr, value: Value, node: ast.AST) -> None:
-        """Write the assignment of a value; a changeable row gets no second name, as a copy would be changed in its
-        place."""
+        """Write an assignment; a changeable row gets no second name, as a copy would be changed in its place."""
         if isinstance(target, ast.Name):
             name, kind = target.id, joined(self.types.get(target.id), value.type)
             is_kept = name not in self.source.names or kind == self.types[name]

@@ -239,8 +239,7 @@ def widened(text: str) -> Value:
 
 
 def identifier(name: str) -> str:
-    """Return a Python name as a name in C; one that C, C++ or the translation takes otherwise gets an underscore
-    more."""
+    """Return a Python name as a name in C; one that C, C++ or the translation uses gets an underscore more."""
     plain = name.rstrip("_")
     return f"{name}_" if plain in KEYWORDS or GENERATED.fullmatch(plain) else name
 

@@ -46,8 +46,7 @@ class Difficulty:
 
 
 def moran_index(tiles: ArrayLike) -> float:
-    """Return the Moran index E_MI of a floor (Eq. 4), about -1 (checkerboard) to 1 (large patches); nan if all are
-    alike."""
+    """Return the Moran index E_MI of a floor (Eq. 4), -1 (checkerboard) to 1 (large patches); nan if all are alike."""
     levels = as_levels(tiles)
     rows, columns = levels.shape
     kinds = range(int(levels.max()) + 1) if levels.max() > 1 else ()

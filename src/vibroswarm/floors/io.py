@@ -226,8 +226,7 @@ def _brightness(grey: _Grey, size: Size | None, name: str) -> NDArray[np.float64
 
 @named("path", of="--out")
 def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = False) -> None:
-    """Write a floor as ``.txt``, ``.csv`` or, with two kinds, ``.png``, from which ``read_tiles`` gives the same
-    tiles."""
+    """Write a floor as ``.txt``, ``.csv`` or, with two kinds, ``.png``; ``read_tiles`` gives the same tiles."""
     path, grid = Path(path), as_tiles(tiles)
     kind = check_suffix(path)
     if kind == ".png" and grid.max() > 1:

@@ -214,8 +214,7 @@ def _unknown(spec: str) -> InputError:
 
 
 def parts_of_file(spec: str) -> tuple[str, str]:
-    """Return the name of a floor file in two parts: what stands before the path, such as ``values:3..12:``, and the
-    path."""
+    """Return the name of a floor file in two parts: before its path, such as ``values:3..12:``, and the path."""
     match = _VALUES.fullmatch(spec)
     return (match["prefix"], match["path"]) if match else ("", spec)
 

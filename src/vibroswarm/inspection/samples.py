@@ -165,8 +165,7 @@ def ratios_of_values(law: Law, value: Floats) -> Floats:
 
 
 def read_by(law: Law, energy: NDArray[Any]) -> Floats:
-    """Return the values of samples that measure these energies, in their shape: the energies, or classes read of
-    them."""
+    """Return what samples that measure these energies read, in their shape: the energies, or classes."""
     if not law.bits:
         return energy.astype(np.float64, copy=False)
     model = model_of(law.sensor)

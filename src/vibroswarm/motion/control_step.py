@@ -141,8 +141,8 @@ def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, ru
 
 @inner
 def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> bool:
-    """Place the robots at random in the start region, without overlap; return False if one finds no place in 1000
-    attempts."""
+    """Place the robots at random in the start region, without overlap; return False if one finds no room in 1000
+    tries."""
     # Bounds of the start region: x from left to right, y from low to high.
     left, right, low, high = setup.start[0], setup.start[1], setup.start[2], setup.start[3]
     for i in range(swarm.size):
@@ -191,8 +191,7 @@ def touches(swarm: Swarm, setup: Setup, i: int, count: int, x_m: float, y_m: flo
 
 @kernel
 def sense(swarm: Swarm, setup: Setup) -> None:
-    """Set ``nearest_mm``, the shortest ray (infinite while ``is_blind``), of each robot whose program reads it at
-    this tick."""
+    """Set ``nearest_mm``, the shortest ray (infinite if ``is_blind``), of each robot whose program reads it now."""
     for i in range(swarm.size):
         if setup.blind_ms > 0.0 and is_blind(swarm, i):
             swarm[i].nearest_mm = math.inf
@@ -202,8 +201,7 @@ def sense(swarm: Swarm, setup: Setup) -> None:
 
 @inner
 def is_blind(swarm: Swarm, i: int) -> bool:
-    """Return whether robot ``i`` ignores its rays: while it turns or avoids, and for ``blind_ms`` of driving after
-    it."""
+    """Return whether robot ``i`` ignores its rays: while it turns or avoids, and for ``blind_ms`` of driving then."""
     row = swarm[i]
     mode = row.resume if row.mode == STOP else row.mode  # a stop may interrupt a turn
     return bool(mode != DRIVE or row.driven_ms < row.sees_from_ms)
@@ -279,8 +277,7 @@ def rays_to_disc(
 
 @kernel
 def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
-    """Step each robot's program, and set the speed and turn rate that follow; return how many robots sample at this
-    tick."""
+    """Step each robot's program, and set the speed and turn rate that follow; return how many robots sample."""
     sampling = 0
     for i in range(swarm.size):
         sampling += control_one(swarm, setup, seed, run, tick, i)
@@ -289,8 +286,7 @@ def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
 
 @inlined
 def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: int) -> int:
-    """Step robot ``i``'s program, and set the speed and turn rate that follow; return 1 if it samples at this tick,
-    else 0."""
+    """Step robot ``i``'s program, and set the speed and turn rate that follow; return 1 if it samples, else 0."""
     before = load(swarm, i)
     row = swarm[i]
     # A robot whose failure is due during a stop still completes the stop and takes its sample, and fails at its next
@@ -339,8 +335,7 @@ def fail(swarm: Swarm, i: int, tick: int) -> None:
 
 @kernel
 def move(swarm: Swarm, setup: Setup) -> None:
-    """Write the pose that each robot would have at the next tick, if nothing were in its way, to ``from_...``, for
-    ``contact``."""
+    """Write the pose that each robot would have at the next tick, if nothing were in its way, to ``from_...``."""
     for i in range(swarm.size):
         row = swarm[i]
         row.gyro_deg = math.degrees(row.rate_rad_s * setup.tick_s)
@@ -363,8 +358,7 @@ def blocked(swarm: Swarm, setup: Setup, i: int) -> bool:
 
 @kernel
 def contact(swarm: Swarm, setup: Setup) -> None:
-    """Move the robots, in order, to the poses that ``move`` computed, unless blocked; ``from_...`` is then the pose
-    before."""
+    """Move the robots, in order, to the poses of ``move``, unless blocked; ``from_...`` is then the pose before."""
     for i in range(swarm.size):
         swarm[i].blocked = 0
         if swarm[i].speed_m_s != 0.0 and blocked(swarm, setup, i):

@@ -58,8 +58,7 @@ def steps(
     tick: int,
     until: int,
 ) -> int:
-    """Simulate from ``tick`` up to ``until``, or until the buffers of ``record`` might overflow; return the tick
-    reached."""
+    """Simulate from ``tick`` up to ``until``, or while the buffers of ``record`` have room; return the tick reached."""
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
         step(swarm, setup, speeds, record, seed, run, now)

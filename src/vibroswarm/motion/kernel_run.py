@@ -33,8 +33,7 @@ ROUNDING_TICKS = 1e-6
 
 @kernel
 def steer_robot(swarm: Swarm, i: int, turn_deg: float, drive_ms: float) -> bool:
-    """Set the next turn and leg of robot ``i`` (``walk.steered``); return False, changing nothing, if it has not just
-    sampled."""
+    """Set the next turn and leg of robot ``i`` (``walk.steered``); return False if it has not just sampled."""
     row = swarm[i]
     # At tick 0 ``sampled`` is set, as if after a sample, but no sample has been counted.
     if row.mode != STOP or row.sampled == 0 or row.samples == 0:
@@ -118,8 +117,7 @@ class KernelRun(ABC):
                 self.record = record._replace(moves=rest)
 
     def to_sample(self, until: int, sink: Sink) -> bool:
-        """Advance just beyond the next control period in which a robot samples, or to ``until``; return whether any
-        sampled."""
+        """Advance just beyond the next period in which a robot samples, or to ``until``; return whether any sampled."""
         sampled = False
 
         def take_samples(rows: NDArray[np.void]) -> None:
@@ -153,8 +151,7 @@ class KernelRun(ABC):
 
     @property
     def stop_ticks(self) -> NDArray[np.int64]:
-        """Tick since which each robot stands and does not hear, (robots,); -1: it moves, or has failed but still
-        hears."""
+        """Tick since which each robot stands and does not hear, (robots,); -1: it moves, or still hears."""
         return np.where(self.swarm["mode"] == STOP, self.swarm["stop_tick"], -1)
 
     def steer(self, robot: int, turn_deg: float = math.nan, drive_ms: float = math.nan) -> None:

@@ -325,8 +325,7 @@ def clipped(setup: Setup, factor: float) -> float:
 
 
 def give_each(swarm: NDArray[np.void], scenario: Scenario, setup: Setup, seed: int, run: int) -> None:
-    """Set failures, misalignments and ray starts that the scenario lists per robot, and the veer; short lists are
-    repeated."""
+    """Set failures, misalignments and ray starts listed per robot, and the veer; short lists are repeated."""
     if scenario.faults.any_of_motion:
         tick_ms = scenario.run.control_period_ms
         # Time from which each robot of this run stands for good, and from which its battery is empty, s; inf: never.

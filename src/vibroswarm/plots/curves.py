@@ -36,8 +36,7 @@ def draw_incidence(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw the share of runs decided right (upwards) and wrong (downwards) by each time, as steps, up to ``t_end``,
-    s."""
+    """Draw the share of runs decided right (upwards) and wrong (downwards) over time, as steps, up to ``t_end``, s."""
     sizes = style_named(style)
     frame, series = with_series(tidy(frame, numbers=("time_s", "right", "wrong"), optional=LIMITS))
     figure, axes = plain_axes(sizes, "time (s)", f"share of {unit}s decided", title=title)

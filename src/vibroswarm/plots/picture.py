@@ -51,8 +51,7 @@ class Picture:
         return self.svg()
 
     def write(self, path: Path | str, formats: Sequence[str] | None = None) -> list[Path]:
-        """Write the picture as ``path.svg``, ``.pdf`` and ``.png``, or by the suffix of ``path``, and its numbers as
-        CSV."""
+        """Write the picture as ``path.svg``, ``.pdf`` and ``.png``, or by the path's suffix, and its numbers as CSV."""
         path = Path(path)
         if formats is None and path.suffix in SUFFIXES:
             path, formats = path.with_suffix(""), (path.suffix[1:],)

@@ -242,8 +242,7 @@ def obstacle(f: Mixture, program: LocalisationProgram, ray_m: float, after_drive
 
 @inner
 def sampled(f: Mixture, program: LocalisationProgram, estimate: NDArray[np.float64]) -> None:
-    """Write the robot's estimate (``ESTIMATE``) at a sample just taken, and store the sample's place; no lagged one:
-    -1."""
+    """Write the robot's estimate (``ESTIMATE``) at a sample just taken, and store the sample's place."""
     number, lag = f.numbers[SAMPLES], f.past.shape[1]
     slot = number % lag
     # Indices of estimate: 0, 1 place; 2 heading; 3 spread; 4 lagged sample; 5, 6 its place; 7, 8 its spreads.
@@ -288,8 +287,7 @@ def sampled(f: Mixture, program: LocalisationProgram, estimate: NDArray[np.float
 def change_speed(f: Mixture, i: int, program: LocalisationProgram) -> None:
     """Update a component's speed factor after a sample, if the robot's true factor changes at samples.
 
-    A factor drawn at each sample is reset to its prior; one that varies (``speed_wander``) is taken for a random
-    walk.
+    One drawn at each sample is reset to its prior; one that varies (``speed_wander``) is taken for a random walk.
     """
     if program.speed_redrawn:
         f.means[i, SPEED] = program.speed_factor

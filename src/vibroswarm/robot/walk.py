@@ -275,7 +275,7 @@ def counts(mode: int, timer: int) -> bool:
 
 @inlined
 def turn_command_percent(state: WalkState, program: WalkProgram) -> float:
-    """Return the right wheel's command in a turn in place, % of full speed, positive anticlockwise; the left's is its
+    """Return the right wheel's command in a turn, % of full speed, positive anticlockwise; the left's is its
     negative."""
     command = program.gain * state.error_deg + program.integral_gain * state.integral_deg_s
     return min(max(command, -100.0), 100.0)

@@ -170,8 +170,7 @@ def observation_of(
     run: int,
     sample: int,
 ) -> int:
-    """Return the class that robot ``i`` reads at ``time_s``, with the faults of its sensor by then, from the uniform
-    number ``u``."""
+    """Return the class that robot ``i`` reads at ``time_s``, with the faults of its sensor, from the number ``u``."""
     below = shares[row, kind, 0]
     if faults.from_s.shape[0] == 0:  # no rows: no sensor can fail
         return class_of(u, below, shares, row, kind)

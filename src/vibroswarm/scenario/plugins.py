@@ -221,8 +221,7 @@ def found(kind: str, name: str) -> Any:
 
 
 def load_installed(kind: str, name: str | None = None) -> None:
-    """Register the objects of a kind that installed packages offer as entry points; with ``name`` only those of that
-    name."""
+    """Register the objects of a kind that installed packages offer as entry points, or that of one ``name``."""
     points = entry_points(group=KINDS[kind].group)
     for point in points if name is None else points.select(name=name):
         loaded: Any = point.load()

@@ -278,8 +278,7 @@ def value_of(scenario: Scenario, name: str) -> Any:
 
 
 def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
-    """Return the values, for TOML, of fields in which a scenario differs from a base, by dotted name; None is left
-    out."""
+    """Return the values, for TOML, of fields in which a scenario differs from a base, by dotted name, but None."""
     return {name: value for name, value in changes(scenario, base).items() if value is not None}
 
 

@@ -272,8 +272,7 @@ def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m
 
 @inlined
 def plan(world: World, i: int, tick: int) -> int:
-    """Plan robot ``i`` to its own next event or one at a wall; return 1 if its move is blocked (``plan_blocked``),
-    else 0."""
+    """Plan robot ``i`` to its own next event or one at a wall; return 1 if its move is blocked, else 0."""
     row = world.planners[i]
     # The plan of a moving robot ends at the tick at which it fails, if not before.
     ahead = ticks_to_self_event(row, world.setup, min(HORIZON_TICKS, row.fails_tick - tick))

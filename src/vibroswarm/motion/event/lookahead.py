@@ -137,8 +137,7 @@ def ticks_until_closed(gap: float, approach: float, swerve: float) -> float:
 
 @inner
 def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, most: int) -> int:
-    """Return for how many ticks robot ``i``, whose move has just been blocked, surely stays blocked; at most
-    ``most``.
+    """Return for how many ticks, at most ``most``, robot ``i``, whose move has been blocked, surely stays blocked.
 
     Only robots that are in its contact zone until they change their plans count as blocking it: they wake it then.
     """
@@ -316,8 +315,7 @@ def reach_box(
 def free_ticks_to_wall(
     row: Planner, setup: Setup, inset: float, distance_m: float, toward: float, aside: float, looks: bool
 ) -> float:
-    """Return a lower bound on the ticks until a ray detects a wall, or the wall is nearer to the robot than
-    ``inset``.
+    """Return a lower bound on the ticks until a ray detects a wall, or it is nearer to the robot than ``inset``.
 
     ``toward`` and ``aside`` are cosine and sine of the angle between heading and the wall's normal.
     """

@@ -52,8 +52,7 @@ def store_plan(places: Places, i: int, row: Planner, setup: Setup) -> None:
 
 @inlined
 def minded_m(row: Planner, setup: Setup) -> float:
-    """Return the distance within which another robot may affect this one, m: contact zone, or sight if a driver's is
-    larger."""
+    """Return the distance within which another robot may affect this one, m: contact zone or a driver's sight."""
     return float(max(setup.zone_m, setup.sight_m) if row.mode == DRIVE else setup.zone_m)
 
 
@@ -61,11 +60,9 @@ def minded_m(row: Planner, setup: Setup) -> float:
 def measure_all(
     places: Places, apart: NDArray[np.float64], robots: int, i: int, x_m: float, y_m: float, tick: int
 ) -> tuple[float, float]:
-    """Write squared distances to all robots at ``tick``, m^2, into ``apart[i, 1:]``; return the smallest and the
-    largest error.
+    """Write squared distances to all robots, m^2, into ``apart[i, 1:]``; return the smallest and the largest error.
 
-    The distance to robot ``i`` itself is infinite. Its place is set to (x_m, y_m) with error 0, for later calls at
-    the tick.
+    The distance to itself is infinite. Its place is set to (x_m, y_m), error 0, for later calls at the tick.
     """
     places.mid_x_m[i], places.position_error_m[i] = math.inf, 0.0  # infinitely far from itself
     own_row = apart[i]
@@ -185,8 +182,7 @@ def neighbour(near: NDArray[np.uint32], i: int, m: int) -> int:
 
 
 def empty_grid(robots: int, setup: Setup) -> NDArray[np.int64]:
-    """Return scratch memory, (cells + robots,): the first robot of each cell, then each robot's next in its cell; -1:
-    none."""
+    """Return scratch memory, (cells + robots,): the first robot of each cell, then each robot's next; -1: none."""
     across, up = grid_size(setup["width_m"], setup["height_m"], list_radius_m(setup))
     cells = across * up
     return np.zeros(cells + robots, dtype=np.int64)
@@ -209,8 +205,7 @@ def update_lists(
     radius_m: float,
     tick: int,
 ) -> None:
-    """Write the lists of all robots' neighbours into ``near``, and positions at ``tick`` into ``from_x_m``,
-    ``from_y_m``."""
+    """Write the lists of all robots' neighbours into ``near``, and positions at ``tick`` into ``from_...``."""
     across, up = grid_size(setup.width_m, setup.height_m, radius_m)
     cells = across * up
     grid[:cells] = -1

@@ -114,7 +114,7 @@ def comes_within(x: float, y: float, dx: float, dy: float, span: int, far: float
 
 @inner
 def encounter_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool) -> tuple[int, bool, bool]:
-    """Return the first tick after ``tick`` at which one of two robots may affect the other (or NEVER), and which is
+    """Return the first tick after ``tick`` at which one of two robots may affect the other, or NEVER; which is
     affected."""
     if a.mode == STOP and b.mode == STOP:
         return NEVER, False, False
@@ -320,8 +320,7 @@ def ticks_until_seen(
 
 @inner
 def blocks_at(first: Planner, second: Planner, setup: Setup, tick: int) -> bool:
-    """Return whether the move of one of two robots at ``tick`` would end in the other; ``first`` moves before
-    ``second``."""
+    """Return whether the move of one of two robots at ``tick`` ends in the other; ``first`` moves before ``second``."""
     # False: at exact positions, also of turning robots. Sine and cosine are not needed.
     there_x, there_y, _, _ = about(second, setup, tick, False)
     next_x, next_y, _, _ = about(second, setup, tick + 1, False)

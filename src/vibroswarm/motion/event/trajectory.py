@@ -52,8 +52,7 @@ def turn_command(setup: Setup, error_deg: float, integral_deg_s: float) -> float
 def turn_ahead(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, most: int
 ) -> tuple[int, float, float, float]:
-    """Return n >= 1 ticks to the step that ends a turn, at most ``most``; error (deg), integral (deg s), gyro just
-    before it.
+    """Return n >= 1 ticks, at most ``most``, to a turn's end; error (deg), integral (deg s), gyro just before it.
 
     Steps at full command, and those of the last part of a turn (``is_tail``), are taken several at a time.
     """
@@ -113,12 +112,10 @@ def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, 
 def tail_ahead(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, n: int, most: int
 ) -> tuple[int, float, float]:
-    """Return the tick just before the step that ends a turn, from ``n``, at most ``most``; error (deg), integral (deg
-    s).
+    """Return the tick before the step that ends a turn, from ``n``, at most ``most``; error (deg), integral (deg s).
 
     A step is linear here, (e, I) <- M (e, I), and the error falls until the turn ends: if it is above the tolerance
-    after sixteen steps, it was in all of them. So sixteen are taken at once, by M^16; then four, by M^4; then single
-    ones.
+    after sixteen steps, it was in all of them. So sixteen are taken at once, by M^16; then four; then single ones.
     """
     # M = (a b; c d): the first row gives the new error, e - G (Kp e + Ki I); the second row gives I + dt times the new
     # error. a2 to d2 are the elements of M^2, and so on.
@@ -325,8 +322,7 @@ def block(row: Planner) -> None:
 
 @inlined
 def turned_to(row: Planner, setup: Setup, n: int) -> tuple[float, float, float]:
-    """Return error (deg), integral (deg s) and gyro (deg) of a turn just before the step ``n`` >= 1 ticks after the
-    plan's."""
+    """Return error (deg), integral (deg s) and gyro (deg) of a turn just before the ``n``-th step after the plan's."""
     if n == row.end_turn_ticks:  # the end of the plan, for which they were computed when the plan was made
         return row.end_error_deg, row.end_integral_deg_s, row.end_gyro_deg
     _, error_deg, integral_deg_s, gyro_deg = turn_ahead(

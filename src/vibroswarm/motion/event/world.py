@@ -53,7 +53,7 @@ class World(NamedTuple):
 
 @inlined
 def is_within(row: Planner, x_m: float, y_m: float, distance_m: float, setup: Setup, tick: int) -> bool:
-    """Return whether a robot is within ``distance_m`` of (x_m, y_m) at ``tick``; its cheap approximate position comes
+    """Return whether a robot is within ``distance_m`` of (x_m, y_m) at ``tick``; its approximate position comes
     first."""
     if not maybe_within(row, x_m, y_m, distance_m, tick):
         return False
@@ -64,8 +64,8 @@ def is_within(row: Planner, x_m: float, y_m: float, distance_m: float, setup: Se
 
 @inlined
 def look_around(world: World, i: int, tick: int) -> bool:
-    """Write robot ``i``'s row of ``World.apart`` and its ``clearance_m``; return whether a robot may be in its
-    contact zone."""
+    """Write robot ``i``'s row of ``World.apart`` and its ``clearance_m``; return whether one may be in its contact
+    zone."""
     row = world.planners[i]
     # Robot i's plan has ended at ``tick``, and its next plan is made later. Until then its approximate position, which
     # other robots read at this tick, is the exact one: ``row.tick`` is ``tick``, so the old plan's chord adds nothing.
@@ -96,8 +96,7 @@ def candidate(planners: Planners, near: NDArray[np.uint32], i: int, m: int) -> i
 
 @inlined
 def within2(apart: NDArray[np.float64], i: int, distance_m: float) -> float:
-    """Return (``distance_m`` + e)^2, m^2, e the largest error in robot ``i``'s row: only robots below it may be
-    within."""
+    """Return (``distance_m`` + e)^2, m^2, e the largest error in row ``i``: only robots below it may be within."""
     bound_m = distance_m + apart[i, 0]
     return float(bound_m * bound_m)
 
@@ -106,8 +105,7 @@ def within2(apart: NDArray[np.float64], i: int, distance_m: float) -> float:
 def measure_listed(
     planners: Planners, near: NDArray[np.uint32], apart: NDArray[np.float64], i: int, tick: int
 ) -> tuple[float, float]:
-    """Write squared approximate distances to neighbours, m^2, into ``apart[i, 1:]``; return the smallest and the
-    largest error."""
+    """Write squared distances to neighbours, m^2, into ``apart[i, 1:]``; return the smallest, and the largest error."""
     row = planners[i]
     nearest2, error = math.inf, 0.0
     for m in range(neighbour_count(near, i)):

@@ -62,8 +62,7 @@ def arc_between(
 
 @inner
 def fit_period(swarm: Swarm, setup: Setup) -> None:
-    """Set speed and turn rate to the arc through the poses at the two ends of a period; below ``STUCK`` counts as
-    blocked."""
+    """Set speed and turn rate to the arc of a period; a driver that went less than ``STUCK`` of its way is blocked."""
     for i in range(swarm.size):
         row = swarm[i]
         least_m_s = STUCK * row.speed_m_s

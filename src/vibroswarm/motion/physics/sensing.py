@@ -95,8 +95,7 @@ def sees_something(swarm: Swarm, setup: Setup, i: int) -> bool:
 
 @inner
 def shortest_ray_m(world: World, swarm: Swarm, setup: Setup, i: int, k: int) -> float:
-    """Return the shortest ray of the cone of robot ``i``'s sensor ``k``, m; infinite if none hits, 0 from within a
-    body."""
+    """Return the shortest ray of the cone of robot ``i``'s sensor ``k``, m; infinite: none hits; 0: inside a body."""
     row = swarm[i]
     # The sensor's position and, further down, its axis in the arena.
     ahead_x, ahead_y = math.cos(row.heading_rad), math.sin(row.heading_rad)
@@ -155,8 +154,7 @@ def end_period(
     run: int,
     tick: int,
 ) -> None:
-    """End the control period at ``tick``: record moves and times in each mode; if MuJoCo has ``warned``, undo it
-    (``freeze``)."""
+    """End the control period at ``tick``: record moves and times in each mode; if MuJoCo ``warned``, undo it."""
     if world.frozen[0]:
         stand(swarm)
     elif warned:

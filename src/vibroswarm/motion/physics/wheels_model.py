@@ -120,8 +120,7 @@ first, then the right one: the order of a robot's motors."""
 
 
 def wheels_xml(scenario: Scenario, step_s: float, group: int | None = None) -> str:
-    """Return MuJoCo's model of a scenario, or of a ``group`` of so many robots, in MJCF, without the parts it does
-    not need."""
+    """Return MuJoCo's model, in MJCF, of a scenario or of a ``group`` of robots, without what it does not need."""
     robots = scenario.swarm.robots if group is None else group
     accelerometer = '<accelerometer site="imu{0}"/>' if group is None else ""
     # "Islands" make MuJoCo solve the contacts of bodies that do not touch each other separately.

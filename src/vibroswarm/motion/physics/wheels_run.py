@@ -161,8 +161,7 @@ class WheelsRun(KernelRun):
         self.place()
 
     def move_on(self, until: int) -> int:
-        """Simulate up to the tick ``until``, full buffers, or a period in which MuJoCo warns; return the tick
-        reached."""
+        """Simulate up to ``until``, full buffers, or a period in which MuJoCo warns; return the tick reached."""
         reached = wheels_steps(
             self.world, self.wheels, self.swarm, self.setup, self.speeds, self.record,
             self.seed, self.run, self.tick, until,

@@ -46,8 +46,7 @@ REST: Final = 1e-4
 
 
 class Model(NamedTuple):
-    """MuJoCo's model and data of some or all robots, as kernels use them; arrays have equal parts, in the order of
-    robots."""
+    """MuJoCo's model and data of some or all robots, as kernels use them; arrays are in the order of robots."""
 
     model: int
     """Address of MuJoCo's structure of the model."""
@@ -95,8 +94,7 @@ def set_groups(swarm: Swarm, gap_m: float, first: NDArray[np.int64]) -> int:
 
 @inner
 def members_of(first: NDArray[np.int64], i: int, members: NDArray[np.int64]) -> int:
-    """Write the numbers of a group's robots, lowest ``i``, into ``members``; return their number, 0 if there is no
-    such group."""
+    """Write the numbers of a group's robots, lowest ``i``, into ``members``; return how many, 0 if there is none."""
     size = 0
     for j in range(first.size):
         if first[j] == i:
