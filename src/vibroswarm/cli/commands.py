@@ -45,18 +45,18 @@ class Command(NamedTuple):
 
 GROUPS: Final[dict[str, tuple[Command, ...]]] = {
     "simulate": (
-        Command("run", "run one inspection and print its verdict", "run:run"),
+        Command("run", "run one inspection and print its verdict", "simulate:run"),
         Command(
             "inspect", "where it vibrates, how sure, and what would have been missed", "inspection:inspect"
         ),
         Command(
-            "evaluate", "run a scenario or a study many times, or several side by side", "studies:evaluate"
+            "evaluate", "run a scenario or a study many times, or several side by side", "simulate:evaluate"
         ),
     ),
     "compare and search": (
         Command("league", "compare strategies on equal terms: time at equal error", "league:league"),
         Command(
-            "detect", "how many robots and how much time for few misses and false alarms", "studies:detect"
+            "detect", "how many robots and how much time for few misses and false alarms", "simulate:detect"
         ),
         Command("optimize", "search for good parameters", "optimize:optimize"),
         Command("optimize sensitivity", "find which fields matter (Sobol indices)", "optimize:sensitivity"),

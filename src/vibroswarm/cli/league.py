@@ -11,7 +11,7 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Paged, SwarmOptions, Where
 from vibroswarm.cli.scenario_options import keywords_of, warned
-from vibroswarm.cli.studies import print_plan
+from vibroswarm.cli.simulate import print_plan
 from vibroswarm.cli.terminal import STAGES
 
 
