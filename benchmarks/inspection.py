@@ -15,14 +15,14 @@ import polars as pl
 from scipy.stats import binomtest
 
 from vibroswarm import preset, simulate
+from vibroswarm.inspection.assessment import DRAWN, Question, risk_curve, statistic_for
 from vibroswarm.inspection.damage import drawn_parts, squares_at
 from vibroswarm.inspection.laws import law_of_scenario
-from vibroswarm.inspection.missed import plan
 from vibroswarm.inspection.patches import declared, shares_of
+from vibroswarm.inspection.pod import plan
 from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.scan import critical_value, drawn_statistics
 from vibroswarm.inspection.sources import samples_of_result
-from vibroswarm.inspection.stopping import DRAWN, Question, risk_curve, statistic_for
 
 PRESETS = ("optimised-places", "calibrated")
 CONTRASTS = (0.5, 0.75, 1.0)

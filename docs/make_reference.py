@@ -10,7 +10,7 @@ from pathlib import Path
 
 import tomli_w
 
-from vibroswarm.scenario import change_fields, choices, fault_fields, fields, localisation_fields
+from vibroswarm.scenario import choices, disturbance_fields, fields, localisation_fields
 from vibroswarm.scenario.presets import describe, preset_names
 from vibroswarm.scenario.scenario import Scenario
 
@@ -46,7 +46,7 @@ def field_docs() -> dict[str, dict[str, str]]:
     """The docstring below each field of each section, by class name."""
     texts = (
         Path(module.__file__).read_text(encoding="utf-8")
-        for module in (fields, choices, fault_fields, change_fields, localisation_fields)
+        for module in (fields, choices, disturbance_fields, localisation_fields)
     )
     return described_fields(texts)
 

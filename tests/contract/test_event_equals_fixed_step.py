@@ -27,7 +27,7 @@ from vibroswarm import simulate
 from vibroswarm.inference.outcomes import SHARES
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
-from vibroswarm.scenario.fault_fields import MotionFaults
+from vibroswarm.scenario.disturbance_fields import MotionFaults
 from vibroswarm.scenario.scenario import preset
 
 BASE = preset("paper-empirical")

@@ -11,7 +11,7 @@ from pydantic import Field
 from helpers.scenario_fields import before, changed, chosen
 from vibroswarm import networks, strategies, tasks
 from vibroswarm.localisation.locate import estimates_key
-from vibroswarm.scenario.fault_fields import MotionFaults
+from vibroswarm.scenario.disturbance_fields import MotionFaults
 from vibroswarm.scenario.scenario import Scenario, field_types, value_of
 from vibroswarm.search.evaluate import Piece
 from vibroswarm.simulation import OF_MOTION

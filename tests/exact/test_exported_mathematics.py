@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from helpers.exported_robots import STRICT
-from vibroswarm.export.templates import ASSETS
+from vibroswarm.export.parameters import ASSETS
 
 Function = Callable[[float], float]
 NAMES = ("sin", "cos", "tan", "erfc")

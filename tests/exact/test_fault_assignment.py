@@ -15,8 +15,8 @@ from vibroswarm.core.rng import Purpose, uniform, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.result import Result
+from vibroswarm.scenario.disturbance_fields import FAULTS
 from vibroswarm.scenario.fault_draws import fault_frame, onset_s, working
-from vibroswarm.scenario.fault_fields import FAULTS
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import replay, simulate
 

@@ -15,9 +15,8 @@ from vibroswarm import preset
 from vibroswarm.floors.surfaces import Patch
 from vibroswarm.inspection.damage import drawn_values, ratios_at, squares_at
 from vibroswarm.inspection.laws import law_of_measured
-from vibroswarm.inspection.missed import plan
 from vibroswarm.inspection.patches import declared, log_likelihoods, raster, scan_statistic, shares_of
-from vibroswarm.inspection.pod import fit_pod
+from vibroswarm.inspection.pod import fit_pod, plan
 from vibroswarm.inspection.samples import Law, ratios_of_values
 from vibroswarm.inspection.scan import critical_value, p_value
 from vibroswarm.observation.energy_model import energy_of

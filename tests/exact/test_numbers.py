@@ -13,7 +13,7 @@ from scipy.stats import norm
 from vibroswarm import Scenario, preset, simulate, strategies
 from vibroswarm.sensors import SensorModel, forget, register
 from vibroswarm.strategies import Strategy
-from vibroswarm.testing.sensor import check_sensor
+from vibroswarm.testing.tiles import check_sensor
 
 
 def sense(samples: Any, p: Any) -> Any:

@@ -23,8 +23,7 @@ from vibroswarm import sensors, strategies
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_library import COMMON
 from vibroswarm.export.c_program import c_sources
-from vibroswarm.export.parameters import HEADER_FILE, header_text
-from vibroswarm.export.templates import ASSETS
+from vibroswarm.export.parameters import ASSETS, HEADER_FILE, header_text
 from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of

@@ -28,7 +28,7 @@ from vibroswarm.export.c_types import (
     struct_of_class,
     typedef,
 )
-from vibroswarm.export.templates import ASSETS
+from vibroswarm.export.parameters import ASSETS
 
 
 class Pair(NamedTuple):

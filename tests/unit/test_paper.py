@@ -16,8 +16,8 @@ from scipy import stats
 from vibroswarm.paper.cells import Cells, cells_of, log_spread, share_saved
 from vibroswarm.paper.claims import ALPHA, Claim, Limits, Value, all_claims, decide, mean, verdict_of
 from vibroswarm.paper.columns import published, scenario_of
-from vibroswarm.paper.items.experiments_beside import POOL, subset_sd
-from vibroswarm.paper.items.sharing import regrets
+from vibroswarm.paper.items.experiments import POOL, subset_sd
+from vibroswarm.paper.items.search import regrets
 from vibroswarm.scenario.scenario import preset
 
 CLAIMS = {claim.id: claim for claim in all_claims()}

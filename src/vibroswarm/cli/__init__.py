@@ -22,13 +22,7 @@ GC_THRESHOLD: Final = 700_000
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line and return the exit code.
-
-    Args:
-        argv: the words after the program's name. None means the words that this process was started with.
-    Raises:
-        SystemExit: after ``--help``.
-    """
+    """Run a command line and return the exit code."""
     words = sys.argv[1:] if argv is None else list(argv)
     # Our workers use all cores already, and the last bits of linear algebra would depend on their number.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

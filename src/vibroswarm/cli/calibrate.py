@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver, print_report, print_saved_file
-from vibroswarm.cli.option_values import refuse
+from vibroswarm.cli.command_line import Option, refuse
+from vibroswarm.cli.deliver import claim, deliver, print_report, print_saved_file
 from vibroswarm.cli.options import Drawn, Force, Json, OutFile
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import progress_bar
 from vibroswarm.cli.scenario_options import scenario_named
-from vibroswarm.cli.terminal import say
+from vibroswarm.cli.terminal import progress_bar, say
 from vibroswarm.core.atomic_io import check_free, write_file
 
 Recordings = Annotated[Path, Option("folders of recordings (lab import)", "REAL")]

@@ -33,25 +33,16 @@ import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, Literal, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Final, Literal, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
 
-from vibroswarm.cli.option_values import placeholder, reader
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, check_choice, nearest, share_from, shown
 
 
 @dataclasses.dataclass(frozen=True)
 class Option:
-    """What the command line says of a parameter.
-
-    Args:
-        help: what it does. ``{names}`` stands for ``names``, and the default is added unless the text has that word.
-        value: what stands for its value in the help, such as ``FILE``.
-        low, high: bounds of a number. read: converts the text of a value, in the place of its type.
-        name: the option, such as ``--set``, if it is not the parameter's name. short: a letter for it, such as ``-q``.
-        names: returns the words that are known, for the help.
-        of: the command whose help describes it; that of other commands only names it.
-    """
+    """What the command line says of a parameter; ``{names}`` in ``help`` stands for ``names``."""
 
     help: str
     value: str = ""
@@ -152,12 +143,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def parser_of(words: str, command: Callable[..., Any], also: Mapping[str, type]) -> Parser:
-    """Return the parser of a command.
-
-    Args:
-        words: the program and the command, such as "vibroswarm lab import".
-        also: further groups of options by title, which are not parameters of the command.
-    """
+    """Return the parser of a command, called by ``words``; ``also`` are further groups of options by title."""
     parser = Parser(words)
     fill(parser, command, also)
     arguments = parser._get_positional_actions()
@@ -225,11 +211,7 @@ def add_option(parser: argparse._ActionsContainer, parameter: Parameter) -> None
 
 
 def bound(command: Callable[..., Any], values: Mapping[str, Any]) -> inspect.BoundArguments:
-    """Return the arguments of a call of a command.
-
-    Args:
-        values: parsed values of options and arguments, by name.
-    """
+    """Return the arguments of a call of a command."""
     call = inspect.signature(command).bind_partial()
     for name, kind, _, _, place in parameters_of(command):
         value = group_of(kind, values) if dataclasses.is_dataclass(kind) else values[name]
@@ -240,3 +222,71 @@ def bound(command: Callable[..., Any], values: Mapping[str, Any]) -> inspect.Bou
 def group_of(kind: Any, values: Mapping[str, Any]) -> Any:
     """Return a group of options as its dataclass, made of the parsed values by name."""
     return kind(**{field.name: values[field.name] for field in dataclasses.fields(kind)})
+
+
+VALUES: Final[dict[Any, str]] = {int: "N", float: "X", Path: "FILE"}
+"""What stands for a value of a type in the help."""
+share = partial(share_from, field="")
+"""Converts a percentage such as ``5%`` to a share, 0.05."""
+
+
+def placeholder(kind: Any) -> str:
+    """Return what stands for a value of a type in the help."""
+    if get_origin(kind) is tuple:
+        return f"{placeholder(get_args(kind)[0])},..."
+    return VALUES.get(kind, "NAME")
+
+
+def reader(kind: Any, low: float = -math.inf, high: float = math.inf) -> Callable[[str], Any]:
+    """Return the function that converts a text to a type; numbers are from ``low`` to ``high``."""
+    if get_origin(kind) is tuple:
+        read = reader(get_args(kind)[0], low, high)
+        return lambda text: tuple(dict.fromkeys(read(part.strip()) for part in text.split(",")))
+    if get_origin(kind) is Literal:
+        return partial(_choice, choices=get_args(kind))
+    if kind in (int, float):
+        return partial(number, kind=kind, low=low, high=high)
+    return path if kind is Path else str
+
+
+def _choice(text: str, choices: tuple[str, ...]) -> str:
+    check_choice(text, "", choices)
+    return text
+
+
+def path(text: str) -> Path:
+    """Convert a text to a path; an empty one, as of an unset variable of a shell, would be the working folder."""
+    refuse(not text, "", "is empty; give a path")
+    return Path(text)
+
+
+def number(text: str, kind: type, low: float = -math.inf, high: float = math.inf) -> Any:
+    """Convert a text to a whole number (``int``) or a finite number (``float``) from ``low`` to ``high``."""
+    try:
+        value = kind(text)
+    except ValueError:
+        value = math.nan
+    if not low <= value <= high or abs(value) == math.inf:
+        wanted = "a whole number" if kind is int else "a number"
+        bounds = "" if low == -math.inf else f" from {low:g}" + ("" if high == math.inf else f" to {high:g}")
+        raise InputError(f"{shown(text)} is not {wanted}{bounds}")
+    return value
+
+
+def pair_of(
+    separator: str, form: str, kind: type, low: float, high: float = math.inf
+) -> Callable[[str], Any]:
+    """Return the function that converts two numbers, such as those of ``1.2x0.8``; ``form`` is for messages."""
+
+    def read(text: str) -> tuple[Any, Any]:
+        parts = text.lower().split(separator)
+        refuse(len(parts) != 2, "", f"'{text}' is not of the form {form}")
+        return number(parts[0], kind, low, high), number(parts[1], kind, low, high)
+
+    return read
+
+
+def refuse(wrong: object, field: str, message: str) -> None:
+    """Raise an ``InputError`` about a field if something is wrong."""
+    if wrong:
+        raise InputError(message, field=field or None)

@@ -1,7 +1,4 @@
-"""All commands of the program, by group: their words, what they do, and the function that does it.
-
-A command's module is imported when the command is called, and only then.
-"""
+"""All commands of the program, by group; a command's module is imported when the command is called."""
 
 from __future__ import annotations
 
@@ -9,9 +6,9 @@ import shutil
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
-from typing import Any, Final, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
-from vibroswarm.cli.command_line import Parser, parser_of
+from vibroswarm.cli.command_line import Option, Parser, fill, parser_of, path
 from vibroswarm.cli.options import Common
 from vibroswarm.errors import InputError, nearest
 
@@ -48,18 +45,18 @@ class Command(NamedTuple):
 
 GROUPS: Final[dict[str, tuple[Command, ...]]] = {
     "simulate": (
-        Command("run", "run one inspection and print its verdict", "run:run"),
+        Command("run", "run one inspection and print its verdict", "simulate:run"),
         Command(
             "inspect", "where it vibrates, how sure, and what would have been missed", "inspection:inspect"
         ),
         Command(
-            "evaluate", "run a scenario or a study many times, or several side by side", "studies:evaluate"
+            "evaluate", "run a scenario or a study many times, or several side by side", "simulate:evaluate"
         ),
     ),
     "compare and search": (
         Command("league", "compare strategies on equal terms: time at equal error", "league:league"),
         Command(
-            "detect", "how many robots and how much time for few misses and false alarms", "studies:detect"
+            "detect", "how many robots and how much time for few misses and false alarms", "simulate:detect"
         ),
         Command("optimize", "search for good parameters", "optimize:optimize"),
         Command("optimize sensitivity", "find which fields matter (Sobol indices)", "optimize:sensitivity"),
@@ -87,8 +84,8 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
         Command("calibrate fit", "fit a scenario to recordings, and validate it", "calibrate:fit"),
     ),
     "results": (
-        Command("show", "show a folder or file that a command has written", "show:show"),
-        Command("verify", "simulate saved runs again: are they the same?", "verify:verify"),
+        Command("show", "show a folder or file that a command has written", "results:show"),
+        Command("verify", "simulate saved runs again: are they the same?", "results:verify"),
     ),
     "scenarios, floors, code of your own, robots": (
         Command(
@@ -99,11 +96,11 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
         Command("floors show", "draw a floor in the terminal or to a file", "floors:show"),
         Command("floors measure", "measure fill ratio, Moran index, entropy and clusters", "floors:measure"),
         Command("floors make", "make a floor of given difficulty", "floors:make"),
-        Command("check", "check a strategy, network, sensor, task or motion source", "check:check"),
+        Command("check", "check a strategy, network, sensor, task or motion source", "known:check"),
         Command("export", "write the robot's program as C for microcontrollers"),
         Command("export c", "C99 library with a sketch for Arduino and PlatformIO", "export:c"),
         Command("export check", "compare an exported header of parameters with a scenario", "export:check"),
-        Command("completion", "print a script that completes words in a shell", "completion:completion"),
+        Command("completion", "print a script that completes words in a shell", "commands:completion"),
     ),
 }
 COMMANDS: Final = {command.words: command for group in GROUPS.values() for command in group}
@@ -155,11 +152,7 @@ def run_top(words: Sequence[str]) -> int:
 
 
 def command_in(words: Sequence[str]) -> tuple[Command, list[str]]:
-    """Return the command that words begin with, and the other words.
-
-    Raises:
-        InputError: there is no such command; a similar one is suggested.
-    """
+    """Return the command that words begin with, and the other words."""
     for count in (2, 1):
         command = COMMANDS.get(" ".join(words[:count]))
         rest = list(words[count:])
@@ -168,3 +161,32 @@ def command_in(words: Sequence[str]) -> tuple[Command, list[str]]:
     known = [*COMMANDS, *(task.words.split()[1] for task in tasks_of(words[0]))]
     word = words[1] if tasks_of(words[0]) else words[0]
     raise InputError(f"unknown command{nearest(word, known)}; '{PROGRAM} --help' lists all", field=word)
+
+
+def completion(
+    shell: Annotated[Literal["bash", "zsh", "fish"], Option("bash, zsh or fish", "SHELL")], /
+) -> None:
+    """Print a script for a shell that completes commands, options and files. Install it again after an update.
+
+    It needs the package shtab (pip install shtab).
+
+    examples:
+      vibroswarm completion bash > ~/.local/share/bash-completion/completions/vibroswarm
+      vibroswarm completion zsh > ~/.zfunc/_vibroswarm      with 'fpath+=~/.zfunc' before 'compinit' in ~/.zshrc
+      vibroswarm completion fish > ~/.config/fish/completions/vibroswarm.fish
+    """
+    import shtab
+
+    top = top_parser()
+    below: dict[str, Any] = {"": top.add_subparsers(metavar="COMMAND", parser_class=Parser)}
+    for words, command in COMMANDS.items():
+        parent, _, name = words.rpartition(" ")
+        parser = below[parent].add_parser(name, help=command.does)
+        if command.place:
+            fill(parser, command.function(), COMMON)
+        if tasks_of(words):
+            below[words] = parser.add_subparsers(metavar="TASK", parser_class=Parser)
+        for action in parser._actions:
+            if action.type is path:
+                vars(action)["complete"] = shtab.FILE
+    print(shtab.complete(top, shell))

@@ -7,9 +7,8 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli import terminal
-from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.command_line import Option, share
 from vibroswarm.cli.deliver import print_report, print_saved_file
-from vibroswarm.cli.option_values import share
 from vibroswarm.cli.options import Force, Json, OutFile
 from vibroswarm.errors import named
 
@@ -116,7 +115,6 @@ def in_terminal(tiles: NDArray[np.uint8]) -> str:
 
 
 def _floor(floor: str, tiles: str | None, image_threshold: float | None, seed: int) -> Floor:
-    """Return the floor called ``floor`` of 1 m x 1 m."""
     from vibroswarm.floors.floor import Floor
     from vibroswarm.floors.io import parse_tiles
     from vibroswarm.floors.source import resolve

@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver
-from vibroswarm.cli.option_values import number, pair_of, refuse, share
+from vibroswarm.cli.command_line import Option, number, pair_of, refuse, share
+from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Drawn, ScenarioOptions, Seed
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import keywords_of, scenario_from
+from vibroswarm.cli.terminal import progress_bar, say_compiling
 
 if TYPE_CHECKING:
     from vibroswarm.floors.floor import Floor
@@ -150,8 +148,8 @@ def inspect(
 
 
 def _plan(planned: Planned, damage: Damage, scenario: ScenarioOptions, seed: int) -> Report:
-    from vibroswarm.inspection.missed import plan
-    from vibroswarm.report.damage import plan_report
+    from vibroswarm.inspection.pod import plan
+    from vibroswarm.report.inspection import plan_report
 
     wanted, ends_s = scenario_from(_with_default(scenario)), [60.0 * end for end in planned.minutes]
     each = max(1, round(2 * planned.plates / planned.runs))
@@ -171,8 +169,8 @@ def _with_default(scenario: ScenarioOptions) -> ScenarioOptions:
 
 
 def _asked(damage: Damage) -> dict[str, Any]:
+    from vibroswarm.inspection.assessment import Question
     from vibroswarm.inspection.patches import SIZES_M
-    from vibroswarm.inspection.stopping import Question
 
     question = Question(damage.least_cm / 100.0, damage.contrasts, damage.prior, damage.risk, damage.level)
     asked = None if damage == Damage() else question

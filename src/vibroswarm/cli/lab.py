@@ -8,12 +8,10 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
 
-from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver, print_report, print_saved_file
+from vibroswarm.cli.command_line import Option, refuse
+from vibroswarm.cli.deliver import claim, deliver, print_report, print_saved_file
 from vibroswarm.cli.inspection import size
-from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Drawn, Force, Json, OutFile, Required, ScenarioOptions
-from vibroswarm.cli.out_folder import claim
 from vibroswarm.cli.scenario_options import keywords_of, scenario_from, scenario_named
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, write_file
@@ -85,12 +83,6 @@ def _logs_of(
     acceleration: Sequence[Path] | None,
     scenario: Scenario,
 ) -> tuple[list[Log], list[str], list[bytes]]:
-    """Read the logs, and with ``--acceleration`` compute their energies.
-
-    Returns:
-        The logs; for each log a sentence about its computed energies (an empty list without ``--acceleration``); and
-        the content of each file that was read, by which a repeated import of the same files is recognised.
-    """
     from vibroswarm.lab.recordings.acceleration import with_energies
     from vibroswarm.lab.recordings.read import CAMERA_LOG, read_log
     from vibroswarm.lab.recordings.read_tables import files_of

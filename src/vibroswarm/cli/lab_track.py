@@ -1,4 +1,4 @@
-"""``vibroswarm lab track``: find robots in the video of an overhead camera; with the robots' log, make a recording."""
+"""``vibroswarm lab track``: find robots in a camera's video; with the robots' log, make a recording."""
 
 from __future__ import annotations
 
@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver
-from vibroswarm.cli.option_values import pair_of, refuse
+from vibroswarm.cli.command_line import Option, pair_of, refuse
+from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Required, ScenarioOptions
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import progress_bar
 from vibroswarm.cli.scenario_options import keywords_of, scenario_from
+from vibroswarm.cli.terminal import progress_bar
 from vibroswarm.errors import named
 
 if TYPE_CHECKING:
@@ -48,17 +46,7 @@ class MarkerOptions:
     ] = None
 
     def read(self, arena_m: tuple[float, float]) -> Markers:
-        """Return the markers: those of a file, or the default markers with the given ids.
-
-        Whole numbers separated by commas are ids; any other text is the path of a file. Ids need the options for the
-        size and height of the robots' markers; a file states both itself.
-
-        Args:
-            arena_m: width and height of the arena, at whose edges the default markers of the floor are.
-        Raises:
-            InputError: with ids, the size or the height is missing; with a file, one of them is given; or the file or
-                the ids are wrong.
-        """
+        """Return the markers: those of a file, or the default markers with the given ids."""
         from vibroswarm.lab.tracking.markers import read_markers, usual_markers
 
         size_mm, height_mm = self.marker_size, self.marker_height
@@ -142,13 +130,6 @@ def track(
 
 
 def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> pl.DataFrame | None:
-    """Return the table of the robots' log; None without one.
-
-    With a log, a recording is made, which needs the floor on which the robots were.
-
-    Raises:
-        InputError: the log cannot be read, or the floor is not stated or random.
-    """
     from vibroswarm.lab.tracking.track import read_robot_log
     from vibroswarm.study.options import check_one_floor
 
@@ -160,7 +141,6 @@ def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> 
 
 
 def _tracking(video: Path, markers: Markers, camera: CameraOptions, *, partial: bool) -> Tracking:
-    """Track the robots in the video, with the lens of a chessboard's video if one is given."""
     from vibroswarm.lab.tracking.camera import lens_from_chessboard
     from vibroswarm.lab.tracking.track import track
 

@@ -1,8 +1,4 @@
-"""``vibroswarm league``: strategies compared on the same floors, motion, readings and radio.
-
-A league is such a comparison. An entry of a league is a strategy with its settings. The forced error is the share of
-wrong robots, where an undecided robot counts as if it had decided for the answer that it believes more at the end.
-"""
+"""``vibroswarm league``: strategies compared on the same floors, motion, readings and radio."""
 
 from __future__ import annotations
 
@@ -12,12 +8,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver
+from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Paged, SwarmOptions, Where
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import STAGES
 from vibroswarm.cli.scenario_options import keywords_of, warned
-from vibroswarm.cli.studies import print_plan
+from vibroswarm.cli.simulate import print_plan
+from vibroswarm.cli.terminal import STAGES
 
 
 @dataclass(kw_only=True)

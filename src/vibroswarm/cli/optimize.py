@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver
+from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Drawn, Where
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import progress_bar, say_compiling
 from vibroswarm.cli.scenario_options import warn_of
-from vibroswarm.cli.terminal import report
+from vibroswarm.cli.terminal import progress_bar, report, say_compiling
 from vibroswarm.core.registry import written_names
 
 if TYPE_CHECKING:
@@ -94,7 +92,6 @@ def optimize(
 
 
 def _start(search: Search) -> None:
-    """Print warnings about the scenarios of a search, and a note if kernels must be compiled first."""
 
     warn_of(cell.scenario for cell in search.cases)
     say_compiling(search.study.motion)

@@ -8,8 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.option_values import share
+from vibroswarm.cli.command_line import Option, share
 from vibroswarm.core.child_python import MOST_WORKERS
 from vibroswarm.core.registry import written_names
 

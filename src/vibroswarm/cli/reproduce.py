@@ -6,12 +6,10 @@ import os
 from pathlib import Path
 from typing import Annotated
 
-from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver
-from vibroswarm.cli.option_values import refuse
+from vibroswarm.cli.command_line import Option, refuse
+from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Drawn, Workers
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import STAGES
+from vibroswarm.cli.terminal import STAGES
 from vibroswarm.errors import InputError, check_choice
 
 RECORDINGS = "VIBROSWARM_RUGBOT"

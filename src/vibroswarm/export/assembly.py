@@ -1,8 +1,4 @@
-"""The parts of a scenario's robots: their strategy's hooks, the constants of their program, and sizes of their memory.
-
-The program of a robot is ``robot_program``, a template. Some of its global names are open: an exporter replaces them by
-the strategy's hooks and by values of the scenario.
-"""
+"""The parts of a scenario's robots: hooks, constants and sizes that replace open names of ``robot_program``."""
 
 from __future__ import annotations
 
@@ -80,12 +76,7 @@ class RobotParts:
 
 
 def parts_of(scenario: Scenario) -> RobotParts:
-    """Return the parts of a scenario's robots.
-
-    Raises:
-        InputError: there are more than ``MOST_ROBOTS`` robots, or the strategy, its options, or how a sensor's numbers
-            are read, cannot be exported.
-    """
+    """Return the parts of a scenario's robots."""
     if scenario.swarm.robots > MOST_ROBOTS:
         raise InputError(
             f"{scenario.swarm.robots} robots cannot be exported: a packet has one byte for its sender's number; at "
@@ -138,11 +129,7 @@ def borders_of(sensor: Sensor) -> ClassBorders | None:
 
 
 def classifier_of(sensor: Sensor) -> Classifier | None:
-    """Return how robots read the numbers of a sensor that measures at a place; None if it measures by kind.
-
-    Raises:
-        InputError: the sensor's file reads them by NumPy.
-    """
+    """Return how robots read the numbers of a sensor that measures at a place; None if it measures by kind."""
     model, p = sensors.sensor(sensor.model), sensor.params
     if model.sense is None:
         return None
@@ -174,11 +161,7 @@ def params_of(scenario: Scenario, strategy: Strategy) -> dict[str, Any]:
 
 
 def hooks_of(strategy: Strategy) -> dict[str, Any]:
-    """Return the values of the open names of ``robot_program`` for a strategy: its hooks, and constants about them.
-
-    A missing ``on_message`` or ``belief`` is replaced by a function of ``robot_program``. A missing ``on_timer`` is
-    left out, so that ``robot_program`` keeps its default (``inference.default_hooks``).
-    """
+    """Return the values of the open names of ``robot_program`` for a strategy: its hooks, and constants about them."""
     found: dict[str, Any] = {hook: getattr(strategy, hook) for hook in HOOKS if getattr(strategy, hook)}
     found["on_message"] = strategy.on_message
     if strategy.on_message is None:  # then messages have one bit, and ``on_counts`` counts each

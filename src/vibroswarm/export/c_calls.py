@@ -1,8 +1,4 @@
-"""Translation of calls to C: of functions of the program, of ``math``, and of some of Python's own functions.
-
-A ``Value`` is an expression in C with its type (``c_types``). What cannot be translated is refused with file and line
-(``Source.require``).
-"""
+"""Translation of calls to C: of functions of the program, of ``math``, and of some of Python's own functions."""
 
 from __future__ import annotations
 
@@ -115,10 +111,7 @@ class Calls(Expressions):
         return widened(text) if is_wide else Value(text, kind)
 
     def construct(self, node: ast.Call, struct: Struct) -> Value:
-        """Translate the construction of a row: without arguments all zeros, or with all fields given in order.
-
-        Only a named tuple is constructed from its fields.
-        """
+        """Translate the construction of a row: without arguments all zeros, or with all fields given in order."""
         if not node.args and not node.keywords:
             return Value(f"({struct.name}){{0}}", struct)
         names = getattr(struct.source, "_fields", ())
@@ -136,11 +129,7 @@ class Calls(Expressions):
         return Value(f"({struct.name}){{{', '.join(texts)}}}", struct)
 
     def call_of_function(self, node: ast.Call, called: Any) -> Value:
-        """Translate the call of a function of the program; the function itself is translated for these types first.
-
-        Rows and arrays are passed by address. A row that has no address yet, as the result of a call, is stored in a
-        variable before the statement, all of which this call must then be.
-        """
+        """Translate the call of a function of the program, which is translated for these types first."""
         names = self.program.source(called).names
         given = dict(zip(names, node.args, strict=False)) | {
             word.arg: word.value for word in node.keywords if word.arg

@@ -1,12 +1,7 @@
-"""Translation of expressions to C.
+"""Translation of expressions to C; types follow from those of the function's arguments, as in Numba.
 
-A ``Value`` is an expression in C with its type, and its number if it is constant (``c_types``). Types follow from those
-of the function's arguments, as in Numba: ``int`` becomes ``vs_int`` (32 bits), ``float`` becomes ``vs_real`` (float or
-double). The method ``on_NODE`` translates syntax trees of the class NODE. What cannot be translated is refused with
-file and line (``Source.require``); what C does not compile is left to the compiler.
-
-C leaves the order open in which it computes the parts of an expression. So a call that may change a row must be all of
-what a statement computes (``whole``): nothing else is computed beside it.
+The method ``on_NODE`` translates syntax trees of the class NODE. C leaves the order open in which it computes the
+parts of an expression, so a call that may change a row must be all of what a statement computes (``whole``).
 """
 
 from __future__ import annotations
@@ -103,10 +98,7 @@ class Expressions:
         return replace(value, text=f"VS_{name}") if self.program.enums.get(name) == value.constant else value
 
     def on_attribute(self, node: ast.Attribute) -> Value:
-        """Translate a field of a row, the size of an array, or a constant of ``math``.
-
-        A field that the program leaves out has the type ``OMITTED``, and can only be passed to a constructor.
-        """
+        """Translate a field of a row, the size of an array, or a constant of ``math``."""
         name = math_name(self.source, node)
         if name is not None:
             return self.number(getattr(math, name), node)
@@ -122,12 +114,7 @@ class Expressions:
         return Value(place + identifier(node.attr), kind, is_place=True, root=row.root)
 
     def on_subscript(self, node: ast.Subscript) -> Value:
-        """Translate an element of an array.
-
-        Constant indices are checked against the length, others are not: a negative index would count from the end in
-        Python, but not in C. ``VS_LOAD`` converts stored floating-point numbers to ``vs_real`` where they are read. The
-        target of an assignment is the element itself, for which ``VS_STORE`` converts the value.
-        """
+        """Translate an element of an array; a negative index would count from the end in Python, but not in C."""
         array = self.expression(node.value)
         self.source.require(isinstance(array.type, CArray), node)
         indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
@@ -161,14 +148,7 @@ class Expressions:
         return self.arithmetic(node, node.op, self.expression(node.left), self.expression(node.right))
 
     def arithmetic(self, node: ast.AST, operator: ast.operator, left: Value, right: Value) -> Value:
-        """Return the result of an operator, with Python's meaning of division and remainder.
-
-        If both operands are constants, the result is computed here, as a constant. A product of 32-bit numbers has two
-        further texts, in 64 bits and as a floating-point number, for uses where 32 bits might overflow.
-
-        Args:
-            node: the expression or statement, for errors.
-        """
+        """Return the result of an operator, with Python's meaning of division and remainder."""
         if left.constant is not None and right.constant is not None:
             return literal(computed(ast.BinOp(constant(left), operator, constant(right))))
         both = joined(joined(left.type, right.type), INT)  # truth values count as whole numbers
@@ -193,11 +173,7 @@ class Expressions:
     def of_whole(
         self, node: ast.AST, kind: type[ast.operator], left: Value, right: Value, both: str
     ) -> Value:
-        """Return the result of an operator of whole numbers, in 64 bits where one of them might overflow 32 bits.
-
-        A sum or difference also has a text of 32 bits, for uses where it is short, as an index. The operators of C for
-        remainder and whole division round towards 0; the runtime's functions round down, as Python.
-        """
+        """Return the result of an operator of whole numbers, in 64 bits where one of them might overflow 32 bits."""
         self.source.require(kind in BINARY or kind in (ast.Mod, ast.FloorDiv), node)
         is_product, is_wide = kind is ast.Mult and both == INT, bool(left.wide or right.wide)
         texts = [as_type(value, LONG if is_wide else both) for value in (left, right)]

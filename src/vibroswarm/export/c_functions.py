@@ -1,8 +1,4 @@
-"""Translation of functions to C: their statements, and one C function for each set of argument types.
-
-The method ``do_NODE`` translates statements of the class NODE of syntax trees. A ``Value`` is an expression in C with
-its type (``c_types``). What cannot be translated is refused with file and line (``Source.require``).
-"""
+"""Translation of functions to C: their statements (``do_NODE``), and one C function for each set of argument types."""
 
 from __future__ import annotations
 
@@ -72,15 +68,6 @@ class Program:
         enums: Mapping[str, int] = MappingProxyType({}),
         public: Collection[str] = (),
     ) -> None:
-        """Begin without functions.
-
-        Args:
-            struct_of: types of the classes that functions construct. globals: constant rows and numbers, by name.
-                replaced: functions that are not exported, and those exported in place of them. template: name of the
-                template's module; names of its functions in C do not contain it. instead: values of open global names
-                of the template. enums: constants that have a name in C, by that without its ``VS_``. public: names of
-                the template's functions that are called from outside.
-        """
         self.struct_of, self.globals = struct_of, globals
         self.replaced, self.template, self.instead, self.enums = replaced, template, instead, enums
         self.public = public
@@ -104,13 +91,7 @@ class Program:
         return needed[::-1]
 
     def function(self, function: Any, given: list[Any]) -> Compiled:
-        """Return a function in C for arguments of given types; it is translated once for each set of types.
-
-        Args:
-            function: the Python function. given: types of the arguments.
-        Raises:
-            InputError: the function has a construct that cannot be translated.
-        """
+        """Return a function in C for arguments of given types; it is translated once for each set of types."""
         source = self.source(function)
         arguments = source.tree.args
         special = (
@@ -142,10 +123,7 @@ class Program:
         return self.compiled[key]
 
     def name_for(self, source: Source) -> str:
-        """Return a unique name in C for a function, which ends in a number if the name without it is taken.
-
-        It contains the name of the function's module, unless that is the template.
-        """
+        """Return a unique name in C for a function, which ends in a number if the name without it is taken."""
         module = source.function.__module__
         prefix = "" if module == self.template else f"{module.rpartition('.')[2]}_"
         name = base = f"vs_{prefix}{source.function.__name__}"
@@ -160,7 +138,6 @@ class Function(Calls):
     """Translates one function for given types of its arguments."""
 
     def __init__(self, program: Program, source: Source, given: tuple[Any, ...]) -> None:
-        """Begin with the types ``given`` for the parameters."""
         self.program, self.source, self.given = program, source, given
         self.types = dict(zip(source.names, given, strict=True))
         self.returns: Any = None
@@ -168,14 +145,7 @@ class Function(Calls):
         self.pending, self.written = [], set()
 
     def translated(self, name: str, *, is_public: bool) -> Compiled:
-        """Return the function in C; parameters that it does not use are left out unless it is public.
-
-        An assignment can widen a variable's type, as from ``int`` to ``float``, also for statements before it in a
-        loop. So the body is translated again and again until no type changes. Types only widen, so this ends.
-
-        Args:
-            name: the function's name in C.
-        """
+        """Return the function in C, translated again until no type widens; parameters not used are left out."""
         before: Any = None
         while before != (self.types, self.returns):
             before = dict(self.types), self.returns
@@ -255,11 +225,7 @@ class Function(Calls):
             self.write(f"{self.expression(node.value).text};")
 
     def do_return(self, node: ast.Return) -> None:
-        """Translate ``return`` of a number, a constant row or several numbers; the result's type may widen.
-
-        All returns of a function must have results of one type, or numbers of which one type holds all. C returns
-        copies, so an array or a row that can be changed is refused: a change of the copy would be lost.
-        """
+        """Translate ``return`` of a number, a constant row or several numbers; the result's type may widen."""
         if node.value is None:
             self.write("return;")
             return
@@ -297,11 +263,7 @@ class Function(Calls):
         self.write("}")
 
     def do_for(self, node: ast.For) -> None:
-        """Translate a ``for`` loop over ``range(...)``, whose step is a positive constant.
-
-        The variable must not be an argument, nor be assigned in the body, because it is the counter of the loop in C
-        and is declared there. The end is computed once, before the loop, as in Python.
-        """
+        """Translate a ``for`` loop over ``range(...)``, whose step is a positive constant."""
         call, name = node.iter, ast.unparse(node.target)
         is_range = isinstance(call, ast.Call) and ast.unparse(call.func) == "range" and not call.keywords
         self.source.require(is_range and not node.orelse and name not in self.source.names, node)
@@ -351,11 +313,7 @@ class Function(Calls):
                 self.assign(item, Value(f"{name}.{member}", kind), node)
 
     def assign_each(self, targets: list[ast.expr], values: list[ast.expr], node: ast.Assign) -> None:
-        """Translate an assignment of several values, all of which Python computes before it assigns the first one.
-
-        In C, each value is computed and assigned in turn. The result can differ only if a later value may read an
-        earlier target. In this case all values are first stored in new C variables (``hold``), and then assigned.
-        """
+        """Translate an assignment of several values, stored first if one may read an earlier target."""
         if any(self.may_read(value, target) for k, target in enumerate(targets) for value in values[k + 1 :]):
             held = []
             for item in values:
@@ -370,11 +328,7 @@ class Function(Calls):
             self.assign(target, self.expression(item), node)
 
     def may_read(self, value: ast.expr, target: ast.expr) -> bool:
-        """Return whether an expression may read the variable, field or element that an assignment changes.
-
-        It may if it contains the name of the variable or field, since two rows may be one, or a call of a function that
-        is given a row with the field. An array may have several names.
-        """
+        """Return whether an expression may read the variable, field or element that an assignment changes."""
         parts = list(ast.walk(value))
         if isinstance(target, ast.Subscript):
             return any(isinstance(part, ast.Subscript | ast.Call) for part in parts)
@@ -390,14 +344,7 @@ class Function(Calls):
         )
 
     def assign(self, target: ast.expr, value: Value, node: ast.AST) -> None:
-        """Write the assignment of a value to a variable, a field or an element.
-
-        The type of a variable may widen by it. A row that can be changed gets no second name: a copy would be changed
-        in its place.
-
-        Args:
-            node: the statement, for errors.
-        """
+        """Write an assignment; a changeable row gets no second name, as a copy would be changed in its place."""
         if isinstance(target, ast.Name):
             name, kind = target.id, joined(self.types.get(target.id), value.type)
             is_kept = name not in self.source.names or kind == self.types[name]

@@ -18,8 +18,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import RunError
 from vibroswarm.export.assembly import RobotParts, parts_of
 from vibroswarm.export.c_program import c_sources
-from vibroswarm.export.parameters import HEADER_FILE, header_text
-from vibroswarm.export.templates import ASSETS, rendered
+from vibroswarm.export.parameters import ASSETS, HEADER_FILE, header_text, rendered
 from vibroswarm.scenario.scenario import Scenario
 
 COMMON: Final = ("vibroswarm_runtime.h", "vibroswarm_mathematics.h", "vibroswarm_radio.c")
@@ -66,12 +65,7 @@ class Exported(NotebookView):
 
 
 def library_files(scenario: Scenario) -> dict[str, str]:
-    """Return the texts of the library's files, by their paths in its folder.
-
-    Raises:
-        InputError: the robots cannot be exported: a construct cannot be translated (file and line are named), the
-            strategy or an option of it cannot be exported, or a constant is nan.
-    """
+    """Return the texts of the library's files, by their paths in its folder."""
     parts = parts_of(scenario)
     sources = c_sources(parts)
     return {
@@ -99,11 +93,7 @@ def sketch_text(parts: RobotParts) -> str:
 
 
 def export_library(scenario: Scenario, folder: Path) -> Exported:
-    """Write the library of a scenario's robots into a folder, and measure its program.
-
-    Raises:
-        InputError: as of ``library_files``; then nothing is written. RunError: the compiler failed.
-    """
+    """Write the library of a scenario's robots into a folder, and measure its program."""
     files = library_files(scenario)
     for name, text in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -112,13 +102,7 @@ def export_library(scenario: Scenario, folder: Path) -> Exported:
 
 
 def measured(sources: Path) -> Memory | None:
-    """Return the memory of the library with a small program around it; None if a tool for it is missing.
-
-    Args:
-        sources: folder ``src`` of the library.
-    Raises:
-        RunError: the compiler failed.
-    """
+    """Return the memory of the library with a small program around it; None if a tool for it is missing."""
     if not (shutil.which(COMPILER) and shutil.which(SIZE_TOOL)):
         return None
     files = [*map(str, sorted(sources.glob("*.c"))), str(ASSETS / "measured_program.c")]

@@ -1,8 +1,4 @@
-"""The generated C sources of a scenario's robots: the header and the program.
-
-The program is ``robot_program``, translated to C with the hooks of the strategy (``c_functions``). Rows become structs.
-The constants are macros in a header of their own (``parameters``).
-"""
+"""The generated C sources of a scenario's robots: the header, and ``robot_program`` translated with the hooks."""
 
 from __future__ import annotations
 
@@ -32,9 +28,8 @@ from vibroswarm.export.c_types import (
     struct_of_row,
     typedef,
 )
-from vibroswarm.export.parameters import ROWS, macro_of
+from vibroswarm.export.parameters import ROWS, macro_of, rendered
 from vibroswarm.export.source import plain
-from vibroswarm.export.templates import rendered
 from vibroswarm.robot.sensing import ClassBorders, SenseProgram, SenseState
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkProgram, WalkState
 from vibroswarm.strategies.base import fields_of
@@ -75,13 +70,7 @@ class CSources:
 
 
 def c_sources(parts: RobotParts, *, for_tests: bool = False) -> CSources:
-    """Return the C sources of a scenario's robots: the header and the program.
-
-    Args:
-        for_tests: whether ``robot_program.PARTS`` can be called from outside, too.
-    Raises:
-        InputError: a construct cannot be translated; file and line are named.
-    """
+    """Return the C sources of a scenario's robots: the header and the program."""
     structs, names = structs_of(parts), api_of(parts, for_tests=for_tests)
     # Constant rows are static structs in C, filled in from the macros of the header of parameters.
     constants = {name: structs[row] for name, row in ROWS.items() if row in structs}
@@ -148,14 +137,7 @@ def program_of(
 
 
 def precision_of(parts: RobotParts) -> tuple[int, str]:
-    """Return the least precision in which robots act as they do in double precision, and the reason for it.
-
-    For strategies of the package, tests compare the precisions. A user's own strategy is not tested: it gets
-    ``SINGLE``.
-
-    Returns:
-        ``SINGLE`` (float), ``MIXED`` (double, with arrays in float) or ``DOUBLE``, and a sentence for the header.
-    """
+    """Return the least precision in which robots act as they do in double precision, and the reason for it."""
     if parts.classifier is not None and NEEDS_DOUBLE.get(parts.strategy.name, (MIXED, ""))[0] == MIXED:
         return MIXED, "classes of several numbers are then those of the simulation to the last bit"
     tested = "float makes the same events as double"
@@ -195,13 +177,7 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
 
 
 def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
-    """Return the struct of a robot's memory: the fields of ``robot_memory.Robot``.
-
-    Fields that only reading classes uses are left out of robots without it.
-
-    Args:
-        structs: the other structs, by the names of their Python classes.
-    """
+    """Return the struct of a robot's memory: the fields of ``robot_memory.Robot``."""
     inbox = (robot_memory.INBOX,)
     # Types of fields that depend on the strategy, or that are rows or arrays.
     special: dict[str, Any] = {

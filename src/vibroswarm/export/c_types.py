@@ -1,8 +1,7 @@
 """Types and values of the program that is translated to C, and how they are written in C.
 
-A type is one of: the name of a number's type in C (``INT``, ``LONG``, ``REAL``, ``BOOL``), a ``Struct`` (a row or named
-tuple), a ``CArray`` of fixed size, or a ``CTuple`` (several values that a function returns). A row can be changed in
-place, a named tuple cannot.
+A type is the name of a number's type in C (``INT``, ``LONG``, ``REAL``, ``BOOL``), a ``Struct`` (a row or named
+tuple), a ``CArray`` of fixed size, or a ``CTuple`` (several values that a function returns).
 """
 
 from __future__ import annotations
@@ -118,11 +117,7 @@ def declaration(kind: Any, name: str) -> str:
 
 
 def parameter(kind: Any, name: str, *, writes: bool) -> str:
-    """Return the declaration of a function's parameter in C: structs and arrays are passed by address.
-
-    Args:
-        writes: whether the function may change what its parameters refer to; if not, they refer to constants.
-    """
+    """Return the declaration of a function's parameter in C: structs and arrays are passed by address."""
     if not isinstance(kind, CArray | Struct):
         return declaration(kind, name)
     constant = "" if writes and is_by_reference(kind) else "const "
@@ -130,13 +125,7 @@ def parameter(kind: Any, name: str, *, writes: bool) -> str:
 
 
 def joined(one: Any, other: Any) -> Any:
-    """Return the narrowest type that holds values of both types; None if there is no such type.
-
-    Numbers widen in the order of bool, INT, LONG and REAL. Other types must be equal.
-
-    Args:
-        one: a type, or None if it is not known yet; then ``other`` is returned.
-    """
+    """Return the narrowest type that holds both, in the order bool, INT, LONG, REAL; None if there is none."""
     if one is None or one == other:
         return other
     order = (BOOL, INT, LONG, REAL)
@@ -148,12 +137,7 @@ EMPTY: Final = (("unused", INT),)
 
 
 def struct_of_class(name: str, declared: type, *, omitted: tuple[str, ...] = (), like: Any = None) -> Struct:
-    """Return the struct of a class of annotated fields.
-
-    Args:
-        name: in C. declared: the Python class. omitted: fields to leave out. like: an instance, from which arrays take
-            their types and shapes; None if no field is an array.
-    """
+    """Return the struct of a class of annotated fields."""
     fields: list[tuple[str, Any]] = []
     for field_name, hint in get_type_hints(declared).items():
         if field_name in omitted:
@@ -169,22 +153,13 @@ def struct_of_class(name: str, declared: type, *, omitted: tuple[str, ...] = (),
 
 
 def struct_of_row(name: str, fields: Mapping[str, type], *, mutable: bool = True) -> Struct:
-    """Return the struct of a strategy's row (state, message or parameters) with these fields.
-
-    Args:
-        name: of the struct in C. fields: Python types by name. mutable: whether fields can be changed in place.
-    """
+    """Return the struct of a strategy's row (state, message or parameters) with these fields."""
     found = tuple((field_name, OF_PYTHON[kind]) for field_name, kind in fields.items())
     return Struct(name, None, found or EMPTY, mutable)
 
 
 def struct_of_arrays(name: str, declared: type, sizes: Mapping[str, int]) -> Struct:
-    """Return the struct of a strategy's arrays in a robot.
-
-    Args:
-        name: of the struct in C. declared: the class that declares the arrays. sizes: value of each word that the sizes
-            of arrays may contain, such as "robots".
-    """
+    """Return the struct of a strategy's arrays in a robot."""
     arrays: Mapping[str, DeclaredArray] = arrays_of(declared)
     fields = tuple((key, CArray(STORAGE[value.kind], (value.size(sizes),))) for key, value in arrays.items())
     return Struct(name, declared, fields or EMPTY, mutable=True)
@@ -264,11 +239,7 @@ def widened(text: str) -> Value:
 
 
 def identifier(name: str) -> str:
-    """Return a Python name as a name in C; one that C, C++ or the translation takes otherwise gets an underscore.
-
-    So does one with underscores behind it, so that no two names become one: ``short`` becomes ``short_``, and
-    ``short_`` becomes ``short__``.
-    """
+    """Return a Python name as a name in C; one that C, C++ or the translation uses gets an underscore more."""
     plain = name.rstrip("_")
     return f"{name}_" if plain in KEYWORDS or GENERATED.fullmatch(plain) else name
 

@@ -1,7 +1,6 @@
-"""The header of parameters of an exported C program: it is written, and compared with a scenario.
+"""Texts of an exported library by templates; its header of parameters is written, and compared with a scenario.
 
-The header holds each field of the scenario as a line ``//@ section.field = value``, and each constant of the program as
-a ``#define``. ``differences`` compares both with a scenario.
+The header holds each field as a line ``//@ section.field = value``, and each constant as a ``#define``.
 """
 
 from __future__ import annotations
@@ -12,8 +11,9 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -23,8 +23,33 @@ from vibroswarm.errors import InputError
 from vibroswarm.export.assembly import RobotParts, omitted_of_world
 from vibroswarm.export.c_types import literal
 from vibroswarm.export.source import number_of
-from vibroswarm.export.templates import rendered
 from vibroswarm.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+ASSETS: Final = Path(__file__).parent / "assets"
+"""The folder of templates, and of files that are the same for every scenario."""
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(ASSETS),
+        undefined=StrictUndefined,
+        autoescape=False,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+def rendered(name: str, **values: Any) -> str:
+    """Return the text of the file ``name`` of a library, with values of its template."""
+    return _environment().get_template(f"{name}.j2").render(values)
+
 
 ROWS: Final = {
     "PARAMS": "Params",
@@ -49,13 +74,7 @@ def macro_of(row: str, field: str) -> str:
 
 
 def constants_of(parts: RobotParts) -> dict[str, str]:
-    """Return the values of the program's constants as texts in C, by the names of their macros.
-
-    ``SENSING_BLIND_MS`` is not among them: its number stands in the program itself.
-
-    Raises:
-        InputError: a constant is nan.
-    """
+    """Return the values of the program's constants as texts in C, by the names of their macros."""
     omitted = omitted_of_world(parts.strategy)
     rows: dict[str, Mapping[str, Any]] = {
         "PARAMS": parts.params,
@@ -79,13 +98,7 @@ def identity_of(parts: RobotParts) -> dict[str, str]:
 
 
 def c_number(value: Any, name: str) -> str:
-    """Return the text in C of a number, or of an array of numbers, flattened in braces.
-
-    Args:
-        name: of the constant, for the error message.
-    Raises:
-        InputError: a number is nan.
-    """
+    """Return the text in C of a number, or of an array of numbers, flattened in braces."""
     if isinstance(value, np.ndarray):
         return "{" + ", ".join(c_number(item, name) for item in value.ravel().tolist()) + "}"
     number = number_of(value)
@@ -116,11 +129,7 @@ def header_text(scenario: Scenario, parts: RobotParts) -> str:
 
 
 def read_header(path: Path) -> dict[str, str]:
-    """Return the texts of fields and constants by name, from a header, or from that of an exported folder.
-
-    Raises:
-        InputError: there is no such file, or it is no such header.
-    """
+    """Return the texts of fields and constants by name, from a header, or from that of an exported folder."""
     path = path / "src" / HEADER_FILE if path.is_dir() else path
     found = values_in(read_text(path, "a header of parameters"))
     if not found:
@@ -136,13 +145,7 @@ def values_in(header: str) -> dict[str, str]:
 def differences(
     header: Mapping[str, str], scenario: Scenario, parts: RobotParts
 ) -> list[tuple[str, str, str]]:
-    """Return the fields and constants that differ between a header and a scenario.
-
-    Args:
-        header: what ``read_header`` returned. scenario, parts: the scenario, and the parts of its robots.
-    Returns:
-        Name, text in the header and text of the scenario, or "none" where there is no such field or constant.
-    """
+    """Return the fields and constants that differ between a header and a scenario."""
     expected = values_in(header_text(scenario, parts))
     return [
         (name, header.get(name, "none"), expected.get(name, "none"))

@@ -1,7 +1,4 @@
-"""Memory of one robot, and the constants of its program, as ``robot_program`` names them.
-
-These classes and values are placeholders: an exporter replaces them by those of a strategy and a scenario.
-"""
+"""Memory of one robot and constants of its program: placeholders, which an exporter replaces."""
 
 from __future__ import annotations
 

@@ -83,12 +83,7 @@ OF_NUMBERS: Final = ("class_of_numbers",)
 
 
 def start(r: Robot, seed: int, run: int, number: int) -> None:
-    """Start a robot at time 0, standing. All of ``r`` must be zero before.
-
-    Args:
-        seed, run, number: seed of the simulation, number of the run, and number of the robot, which give its random
-            numbers.
-    """
+    """Start a robot at time 0, standing. All of ``r`` must be zero before."""
     r.seed, r.run, r.number = seed, run, number
     r.world = world_of_robot(WORLD, number)
     # Only the number of the first leg is used; ``roll`` then draws those of the next leg, turn and avoidance.
@@ -100,10 +95,7 @@ def start(r: Robot, seed: int, run: int, number: int) -> None:
 
 
 def roll(r: Robot) -> None:
-    """Draw the uniform numbers of the next leg, of the turn before it, and of the next avoidance.
-
-    In the addresses of a walk, index 2 k is leg k and index 2 k - 1 is the turn before leg k.
-    """
+    """Draw the uniform numbers of the next leg, of the turn before it, and of the next avoidance."""
     r.dice = Dice(
         uniform(r.seed, r.run, r.number, WALK, 2 * r.walk.legs, ALONE),
         uniform(r.seed, r.run, r.number, WALK, 2 * r.walk.legs - 1, ALONE),
@@ -135,10 +127,6 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
     """Do one tick; return True to take the sample now, and then call ``sample`` before the next step.
 
     If ``r.sends`` is then true, send ``r.out`` to all robots.
-
-    Args:
-        gyro_deg: angle turned since the last step, anticlockwise positive; not finite: no reading, counted as 0.
-        nearest_mm: the shortest ray; used only if ``looks_now(r, gyro_deg)`` was true before the step.
     """
     if not abs(gyro_deg) < math.inf:  # false for NaN too, which would stay in the angle still to turn
         gyro_deg = 0.0
@@ -171,10 +159,7 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
 
 
 def missed(r: Robot, ticks: int) -> None:
-    """Note that so many ticks passed without a step, because the surrounding program was late.
-
-    The robot's clock goes on, its walk does not. Ticks are never made up for: the next step is that of the present.
-    """
+    """Note that so many ticks passed without a step, because the surrounding program was late."""
     r.tick += ticks
     r.missed += ticks
 
@@ -288,11 +273,7 @@ def after_event(r: Robot) -> None:
 
 
 def receive(r: Robot, sender: int, number: int, message: Message) -> bool:
-    """Keep a message until the robot walks; return False if the inbox is full, and the message is lost.
-
-    Args:
-        sender: number of the robot that sent the message. number: index among that robot's messages, from 0.
-    """
+    """Keep a message until the robot walks; return False if the inbox is full, and the message is lost."""
     if r.waiting == INBOX:
         r.dropped += 1
         return False
@@ -356,10 +337,7 @@ def on_counts(s: Any, ones: int, zeros: int, p: Any, w: Any) -> None:
 
 
 def belief_of_posterior(alpha: int, beta: int, w: Any) -> float:
-    """Return the belief that the share of ones, with posterior Beta(alpha, beta), is below the boundary.
-
-    It is computed at each call: an exported robot has no table of beliefs.
-    """
+    """Return the belief that the share of ones, with posterior Beta(alpha, beta), is below the boundary."""
     return posterior_below(alpha, beta, w.boundary)
 
 

@@ -40,11 +40,7 @@ class Source:
         return [argument.arg for argument in self.tree.args.args]
 
     def require(self, condition: object, node: ast.AST) -> None:
-        """Refuse a construct unless a condition holds.
-
-        Raises:
-            InputError: the condition is false; file, line and construct are named.
-        """
+        """Refuse a construct unless a condition holds."""
         if not condition:
             text = ast.unparse(node).splitlines()[0][:60]
             raise InputError(
@@ -65,11 +61,7 @@ def is_function(value: Any) -> bool:
 
 @cache
 def _parsed(function: Callable[..., Any]) -> tuple[ast.FunctionDef, str]:
-    """Return a function's syntax tree, and its file. The tree is cached, so it must not be changed.
-
-    Raises:
-        InputError: the source cannot be read, or is not that of a plain function.
-    """
+    """Return a function's syntax tree, and its file. The tree is cached, so it must not be changed."""
     path = Path(function.__code__.co_filename)
     name = path.relative_to(PACKAGE.parent).as_posix() if path.is_relative_to(PACKAGE.parent) else str(path)
     try:
@@ -84,13 +76,7 @@ def _parsed(function: Callable[..., Any]) -> tuple[ast.FunctionDef, str]:
 
 
 def source_of(function: Any, instead: Mapping[str, Any] | None = None) -> Source:
-    """Return the source of a function.
-
-    Args:
-        function: a Python function, or one compiled by Numba. instead: values that replace those of global names.
-    Raises:
-        InputError: the source cannot be read, or is not that of a plain function.
-    """
+    """Return the source of a function."""
     found = plain(function)
     tree, file = _parsed(found)
     return Source(

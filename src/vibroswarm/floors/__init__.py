@@ -1,7 +1,4 @@
-"""Floors: patterns, files, difficulty, and floors designed to a given difficulty.
-
-Names are imported on first use, so that importing this package loads neither Pillow nor SciPy.
-"""
+"""Floors: patterns, files, difficulty, and floors designed to a given difficulty; names are imported on first use."""
 
 import lazy_loader
 

@@ -55,11 +55,7 @@ def grown(tiles: Tiles) -> Tiles:
 
 
 def changes_between(start: Tiles, later: Sequence[tuple[float, Tiles]]) -> Changes:
-    """Return the changes that turn a floor into other floors of the same size, one after the other.
-
-    Args:
-        start: tiles at time 0, of any shape. later: time (s), ascending, and the tiles from then on.
-    """
+    """Return the changes that turn a floor into other floors of the same size, one after the other."""
     parts, before = [], start.ravel()
     for time_s, tiles in later:
         now = tiles.ravel()
@@ -78,12 +74,7 @@ def permuted(tiles: Tiles, number: int, seed: int, run: int) -> Tiles:
 def markov_changes(
     start: Tiles, rate_per_h: float, shares: Sequence[float], until_s: float, seed: int, run: int
 ) -> Changes:
-    """Return the changes up to ``until_s`` of tiles that are redrawn at random times.
-
-    Args:
-        start: tiles at time 0. rate_per_h: how often an hour each tile is redrawn, on average. shares: probabilities
-            of the kinds 0, 1 and so on that a tile then gets, 1 in all.
-    """
+    """Return the changes up to ``until_s`` of tiles that are redrawn at random times."""
     below = np.cumsum(np.asarray(shares, dtype=np.float64))
     time_s, tile, kind = _markov(read_only(start.ravel()), rate_per_h / 3600.0, below, until_s, seed, run)
     order = np.argsort(time_s, kind="stable")
@@ -94,11 +85,7 @@ def markov_changes(
 def _markov(
     start: Tiles, rate_per_s: float, below: NDArray[np.float64], until_s: float, seed: int, run: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], Tiles]:
-    """Return time, tile and new kind of each change, tile by tile; draws that give the present kind are none.
-
-    Args:
-        below: probability that a draw gives this kind or a lower one.
-    """
+    """Return time, tile and new kind of each change, tile by tile; draws that give the present kind are none."""
     room = 64
     time_s, tile, kind = np.empty(room), np.empty(room, dtype=np.int32), np.empty(room, dtype=np.uint8)
     found = 0

@@ -110,16 +110,11 @@ class _Goal(NamedTuple):
     entropy: float
 
     def miss(self, found: Difficulty) -> float:
-        """Return the larger error of Moran index and entropy."""
         return float(np.fmax(abs(found.moran_index - self.moran_index), abs(found.entropy - self.entropy)))
 
 
 def constructions(rows: int, columns: int, ones: int) -> Iterator[NDArray[np.uint8]]:
-    """Yield regular floors of this size and number of vibrating tiles, each uint8 of shape (rows, columns).
-
-    They are extremes: stripes and a square (high Moran index, one cluster), combs (one cluster, yet a low Moran index),
-    checkerboards of larger and larger squares (the highest Moran index that small clusters allow).
-    """
+    """Yield regular floors, extremes: stripes, a square, combs, checkerboards; uint8, (rows, columns)."""
     r, c = np.indices((rows, columns))
     for first, second in ((r, c), (c, r)):
         yield _filled(ones, first, second)  # stripe
@@ -140,13 +135,9 @@ def _filled(ones: int, *keys: NDArray[np.int_]) -> NDArray[np.uint8]:
 
 @allocating_kernel
 def _anneal(start: Cells, rows: int, columns: int, goal: _Goal, hot: float, seed: int, search: int) -> Cells:
-    """Swap vibrating and still tiles until the floor meets the goal or the swaps are used up; return the best floor.
+    """Swap vibrating and still tiles until the floor meets the goal or the swaps are used up; return the best.
 
-    Args:
-        start: at least one tile of each kind. hot: first temperature, in changes of E_MI by one pair of neighbours; the
-            last is 0.05, at which a change for the worse is practically never accepted.
-        seed, search: select the uniform numbers, at the addresses (seed, 0, 0, FLOOR, index, 1 + search); random floors
-            use those that end in 0.
+    The last temperature is 0.05. Numbers are at (seed, 0, 0, FLOOR, index, 1 + search); random floors use 0.
     """
     cells, best = start.copy(), start.copy()
     stack, label = np.zeros_like(cells), np.zeros_like(cells)
@@ -195,11 +186,6 @@ def _partner(u: float, p: int, rows: int, columns: int) -> int:
 def _energy(
     cells: Cells, rows: int, columns: int, goal: _Goal, limit: float, label: Cells, stack: Cells
 ) -> float:
-    """Return the energy of a floor; or only its first term, if that is above ``limit``.
-
-    Args:
-        label, stack: overwritten.
-    """
     stride, ones, products = columns + 2, cells.sum(), 0.0
     fill = ones / (rows * columns)
     for row in range(1, rows + 1):

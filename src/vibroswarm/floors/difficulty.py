@@ -33,13 +33,7 @@ from vibroswarm.floors.floor import Floor, as_levels, as_tiles
 
 @dataclass(frozen=True)
 class Difficulty:
-    """Measures of a floor; ``moran_index`` and ``entropy`` are nan where undefined.
-
-    Args:
-        rows, columns: size of the floor, tiles. ones: number of vibrating tiles. fill_ratio: share of vibrating tiles.
-        moran_index, entropy: E_MI (Eq. 4) and E_e (Eq. 5). clusters: number of clusters of vibrating tiles.
-        largest_cluster: number of tiles of the largest cluster; 0 if no tile vibrates.
-    """
+    """Measures of a floor; ``moran_index`` and ``entropy`` are nan where undefined."""
 
     rows: int
     columns: int
@@ -52,14 +46,7 @@ class Difficulty:
 
 
 def moran_index(tiles: ArrayLike) -> float:
-    """Return the Moran index E_MI of a floor (Eq. 4): how similar neighbouring tiles are.
-
-    Args:
-        tiles: (rows, columns) of kinds, such as 0 and 1, or of values from 0 to 1.
-    Returns: from about -1 (checkerboard) to 1 (large patches); nan (0 / 0) if all tiles are of one kind.
-    Raises:
-        InputError: ``tiles`` is not a rectangle of kinds.
-    """
+    """Return the Moran index E_MI of a floor (Eq. 4), -1 (checkerboard) to 1 (large patches); nan if all are alike."""
     levels = as_levels(tiles)
     rows, columns = levels.shape
     kinds = range(int(levels.max()) + 1) if levels.max() > 1 else ()
@@ -76,13 +63,7 @@ def moran_index(tiles: ArrayLike) -> float:
 
 
 def cluster_sizes(tiles: ArrayLike) -> NDArray[np.int64]:
-    """Return the number of tiles of each cluster of tiles of one kind but 0 (4-connected), largest first.
-
-    Args:
-        tiles: (rows, columns) of kinds, such as 0 and 1.
-    Raises:
-        InputError: ``tiles`` is not a rectangle of kinds.
-    """
+    """Return the number of tiles of each cluster of tiles of one kind but 0 (4-connected), largest first."""
     from scipy import ndimage  # here, so that importing this module does not load SciPy
 
     grid = as_tiles(tiles)
@@ -94,13 +75,7 @@ def cluster_sizes(tiles: ArrayLike) -> NDArray[np.int64]:
 def entropy(tiles: ArrayLike, ones: int | None = None) -> float:
     """Return the entropy E_e of a floor (Eq. 5): 0 if every vibrating tile is alone, 1 if all form one cluster.
 
-    Args:
-        tiles: (rows, columns) of kinds, such as 0 and 1.
-        ones: N_v; None: the number of tiles that vibrate. Other values serve to reproduce the paper's table, which uses
-            N_v = 48 for all floors, even for those with 46 vibrating tiles.
-    Returns: in [0, 1] if ``ones`` is None; nan if no tile or a single one vibrates, as H_c^max is then 0.
-    Raises:
-        InputError: ``tiles`` is not a rectangle of kinds.
+    ``ones`` replaces N_v: the paper's table uses 48 for all floors. It is nan if at most one tile vibrates.
     """
     return _entropy(cluster_sizes(tiles), ones)
 

@@ -72,11 +72,7 @@ def place_of(floor: Floor) -> Place:
 
 @kernel
 def tile_below(x_m: float, y_m: float, place: Place) -> int:
-    """Return the index of the tile under a point; -1 if no tile is there.
-
-    A point on the edge between two tiles belongs to the tile on the right, or to the lower one. A point on the right or
-    on the lower border of the floor is on no tile.
-    """
+    """Return the index of the tile under a point; -1 if none. On an edge it is the tile on the right or below."""
     column = np.floor((x_m - place.left_m) / place.width_m)
     row = np.floor((place.top_m - y_m) / place.height_m)
     if column >= 0 and row >= 0 and column < place.columns and row < place.rows:
@@ -197,7 +193,6 @@ class Floor:
         return _share_of(self._mean_of(1) + patched_m2 / (rows * columns * width_m * height_m))  # Eq. 3
 
     def _mean_of(self, kind: int) -> float:
-        """Return the share of a kind without patches, correctly rounded."""
         steps = np.rint(weight_of(kind, self.levels) * STEPS).astype(np.int64)
         return int(steps.sum()) / (STEPS * steps.size)
 
@@ -327,13 +322,9 @@ def refuse_kinds(floor: Floor) -> None:
 def sides_inside(
     geometry: Geometry, width_m: float, height_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return how much of the width of each column and of the height of each row lies inside an arena, m.
+    """Return how much of each column's width, from the left, and row's height, from the top, is inside an arena, m.
 
-    Args:
-        geometry: rows, columns, tile width and height, left and bottom of the floor (``Floor.geometry``).
-        width_m, height_m: size of the arena.
-    Returns: the widths, (columns,), from the left; the heights, (rows,), from the top; 0 for columns and rows outside.
-        None instead of both if all tiles lie inside. The arrays are cached, so they must not be changed.
+    None instead of both if all tiles are inside. The arrays are cached and must not be changed.
     """
     rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry
     left = left_m + tile_width_m * np.arange(columns)
@@ -352,11 +343,7 @@ def rows_of(tiles: NDArray[np.uint8]) -> tuple[str, ...]:
 
 
 def as_levels(values: ArrayLike) -> NDArray[np.float64]:
-    """Return levels as float64 of shape (rows, columns), contrasts rounded to multiples of 1 / ``STEPS``; a copy.
-
-    Raises:
-        InputError: ``values`` is not a rectangle of kinds up to ``KIND_LIMIT`` - 1, or of numbers from 0 to 1.
-    """
+    """Return levels as float64 of shape (rows, columns), contrasts rounded to multiples of 1 / ``STEPS``; a copy."""
     try:
         grid = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -371,11 +358,7 @@ def as_levels(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
-    """Return a contiguous copy of ``values`` as uint8 of shape (rows, columns) of kinds of tile.
-
-    Raises:
-        InputError: ``values`` is not a rectangle, is empty, or has values other than 0 to ``KIND_LIMIT`` - 1.
-    """
+    """Return a contiguous copy of ``values`` as uint8 of shape (rows, columns) of kinds of tile."""
     levels = as_levels(values)
     if (np.asarray(values, dtype=np.float64) % 1.0).any():
         raise InputError(KINDS_IN_WORDS, field="floor")

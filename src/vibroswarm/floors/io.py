@@ -1,10 +1,8 @@
-"""Floor files: text grids, CSV, lists of coordinates and pictures; and floors drawn in the terminal.
+"""Floor files: text grids, CSV, lists of coordinates and pictures, recognised by content; floors drawn in the
+terminal.
 
-The kind of a file is recognised by its content, not by its name.
-
-In pictures (PNG, JPEG) dark is still (0), bright is vibrating (1). Without a size every pixel is a tile. With a size
-the picture is divided into that many rows and columns, and the mean brightness of each part is compared with a
-threshold. A warning states how many parts are near it.
+In pictures dark is still, bright is vibrating. Every pixel is a tile, or the picture is divided into given rows and
+columns, whose mean brightness is compared with a threshold; a warning states how many are near it.
 """
 
 from __future__ import annotations
@@ -47,13 +45,7 @@ CLEAR: Final = 0.9
 
 
 def parse_tiles(text: str, field: str = "--tiles") -> Size:
-    """Return the numbers of rows and columns that a ``text`` such as ``"5x5"`` states.
-
-    Args:
-        field: name of the option or argument that held the text, for messages.
-    Raises:
-        InputError: the text is not of this form, or the size is impossible.
-    """
+    """Return the numbers of rows and columns that a ``text`` such as ``"5x5"`` states."""
     match = re.fullmatch(r"\s*([0-9]{1,9})\s*[xX×]\s*([0-9]{1,9})\s*", text)
     rows, columns = (int(match[1]), int(match[2])) if match else (0, 0)
     if not 1 <= rows * columns <= TILE_LIMIT:
@@ -66,16 +58,8 @@ def read_tiles(
 ) -> NDArray[np.uint8]:
     """Read the floor in a file, uint8 of shape (rows, columns), top row first.
 
-    Args:
-        path: a text grid, CSV, list of coordinates, or PNG or JPEG picture.
-        tiles: rows and columns of the floor. A list of coordinates cannot be read without them; a picture is divided
-            into them; a grid must be of this size. None: not known; each pixel of a picture is then a tile.
-        threshold: share of full brightness, above 0 and below 1, from which a tile of a picture vibrates; not used for
-            other files. None: ``THRESHOLD``; but a picture with two clear levels that are both above or both below it
-            is split halfway between them.
-    Raises:
-        InputError: the file cannot be read or is not a floor, a picture has more than ``MOST_PIXELS`` and no ``tiles``,
-            or ``threshold`` is out of range.
+    ``tiles``, its rows and columns, are needed for a list of coordinates, and divide a picture. ``threshold`` is a
+    share of full brightness; None: ``THRESHOLD``, or between two clear levels.
     """
     data, name = read_bytes(Path(path), FILE_LIMIT, "a floor"), str(path)
     if data.startswith(PICTURES):
@@ -86,14 +70,7 @@ def read_tiles(
 def read_values(
     path: Path | str, size: Size | None = None, ends: tuple[float, float] = (0.0, 1.0)
 ) -> NDArray[np.float64]:
-    """Read a value for each tile, from 0 to 1: numbers of a text or CSV, or grey levels of a picture.
-
-    Args:
-        size: rows and columns, into which a picture is divided; None: each pixel is a tile. Numbers must be of this
-            size. ends: the numbers that are the values 0 and 1; not used for pictures.
-    Raises:
-        InputError: the file cannot be read, or is not a rectangle of numbers between ``ends``.
-    """
+    """Read a value for each tile, from 0 to 1: numbers between ``ends``, or grey levels of a picture."""
     data, name, (low, high) = read_bytes(Path(path), FILE_LIMIT, "a floor"), str(path), ends
     if data.startswith(PICTURES):
         return _brightness(_grey(data, name), size, name)
@@ -115,7 +92,7 @@ def _decoded(data: bytes, name: str) -> str:
 
 
 def _cells(text: str) -> list[list[str]]:
-    """Return the cells of each line that is neither empty nor a comment, cut at commas, semicolons, tabs or spaces."""
+    """Return the cells of each line but empty ones and comments, cut at commas, semicolons, tabs or spaces."""
     lines = (line.strip(" ") for line in text.splitlines())
     return [re.split(r" *[,;\t] *| +", line) for line in lines if line.strip() and not line.startswith("#")]
 
@@ -137,11 +114,7 @@ def _check_shape(tiles: NDArray[Any], size: Size | None, name: str) -> None:
 
 
 def _tiles_of_text(text: str, name: str, size: Size | None) -> NDArray[np.uint8]:
-    """Return the tiles of a grid or of a list of coordinates.
-
-    A text with a line ``# -1`` is a list. Pairs of cells are a list unless they can be a grid of two columns, and
-    triples are one unless they are a grid of the known size.
-    """
+    """Return the tiles of a grid, or of a list: pairs or triples of cells that cannot be a grid, or a line ``# -1``."""
     cells, is_list = _cells(text), re.search(r"^# *-1 *$", text, re.MULTILINE) is not None
     if is_list and not cells:
         cells = [["0", "0", "0"]]  # no tile vibrates
@@ -206,10 +179,7 @@ def _tiles_of_picture(
 
 
 def _clear_levels(grey: _Grey) -> tuple[float, float]:
-    """Return the mean brightness of the dark and of the bright pixels if these two levels are clear, else 0 and 1.
-
-    The pixels are divided where that explains most of the variance of their levels (Otsu, 1979).
-    """
+    """Return the mean brightness of dark and of bright pixels (Otsu, 1979) if these are clear, else 0 and 1."""
     levels, counts = np.unique(grey[0] / grey[1], return_counts=True)
     share = counts / grey[0].size
     dark, sums = np.cumsum(share)[:-1], np.cumsum(share * levels)
@@ -222,7 +192,6 @@ def _clear_levels(grey: _Grey) -> tuple[float, float]:
 
 
 def _grey(data: bytes, name: str) -> _Grey:
-    """Return the grey levels of a picture, turned as its EXIF data say."""
     from PIL import Image, ImageOps
 
     try:
@@ -257,16 +226,7 @@ def _brightness(grey: _Grey, size: Size | None, name: str) -> NDArray[np.float64
 
 @named("path", of="--out")
 def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = False) -> None:
-    """Write a floor to a file from which ``read_tiles`` gives the same tiles.
-
-    Args:
-        path: the file. Its suffix selects the format: ``.txt`` (rows of 0 and 1), ``.csv`` or ``.png`` (one pixel per
-            tile, for two kinds). tiles: (rows, columns) of kinds. replace: whether an existing file may be replaced.
-    Raises:
-        InputError: ``tiles`` is not a rectangle of kinds; a picture would hold more than two kinds; the suffix is not
-            known; ``path`` is a folder, or exists and ``replace`` is false; or its folder cannot be written.
-        RunError: the disk is full or failed.
-    """
+    """Write a floor as ``.txt``, ``.csv`` or, with two kinds, ``.png``; ``read_tiles`` gives the same tiles."""
     path, grid = Path(path), as_tiles(tiles)
     kind = check_suffix(path)
     if kind == ".png" and grid.max() > 1:
@@ -284,11 +244,7 @@ def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = F
 
 
 def check_suffix(path: Path, known: tuple[str, ...] = SUFFIXES) -> str:
-    """Return the suffix of ``path`` in lower case.
-
-    Raises:
-        InputError: the suffix is not one of ``known``; the message lists ``known``.
-    """
+    """Return the suffix of ``path`` in lower case."""
     suffix = path.suffix.lower()
     if suffix not in known:
         raise InputError(f"'{path.name}' must end with {', '.join(known[:-1])} or {known[-1]}", field="--out")
@@ -296,12 +252,7 @@ def check_suffix(path: Path, known: tuple[str, ...] = SUFFIXES) -> str:
 
 
 def draw(tiles: NDArray[np.uint8], width: int = 80) -> str:
-    """Return a drawing of the floor in characters, one line per row, with a legend below.
-
-    Args:
-        tiles: (rows, columns) of kinds. Those above 1 are drawn as their hexadecimal digit.
-        width: width of the terminal, characters. Each tile is two characters wide if the rows then fit, else one.
-    """
+    """Return a drawing of the floor in characters, one line per row, with a legend below."""
     repeats = 2 if 2 * tiles.shape[1] <= width else 1
     marks = str.maketrans({"0": "." * repeats, "1": "#" * repeats, **{d: d * repeats for d in DIGITS[2:]}})
     more = "  2 and above: other kinds" if tiles.max() > 1 else ""

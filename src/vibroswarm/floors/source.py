@@ -116,22 +116,7 @@ def source_of(kind: str, *shares: float) -> str:
 def resolve(
     spec: str, tiles: Size | None = None, seed: int = 0, run: int = 0, *, threshold: float | None = None
 ) -> tuple[NDArray[Any], str]:
-    """Return the levels of the floor called ``spec``, and its name.
-
-    A name of a pattern or of a random floor is never read as a file, even if a file of this name exists.
-
-    Args:
-        spec: a pattern (``diagonal:0.46``), a random floor (``random:0.48``), or the path of a file.
-        tiles: rows and columns of the floor; a picture is divided into them. A pattern or a grid of another size is
-            refused. If not given, a random floor has 5 x 5 tiles, each pixel of a picture is a tile, and a list of
-            coordinates cannot be read.
-        seed, run: select one random floor; not used for other floors.
-        threshold: as ``read_tiles`` takes it.
-    Returns: kinds, uint8, or values, (rows, columns), top row first; the name of the floor in titles and results.
-    Raises:
-        InputError: there is no such pattern or file (the message names the most similar pattern), the file cannot be
-            read or is no floor, the fill ratio of a random floor is impossible, or the floor does not fit ``tiles``.
-    """
+    """Return the levels of a pattern, random floor or file, (rows, columns), top row first, and its name."""
     if not is_generated(spec) and family(spec) is None:
         match = _VALUES.fullmatch(spec)
         if match is not None:
@@ -147,10 +132,7 @@ def resolve(
 
 
 def fields_of_file(spec: str, tiles: Size | None = None, threshold: float | None = None) -> dict[str, Any]:
-    """Return the fields of the section ``floor`` of a scenario with the floor of a pattern or a file.
-
-    Args: as of ``resolve``.
-    """
+    """Return the fields of the section ``floor`` of a scenario with the floor of a pattern or a file."""
     levels, name = resolve(spec, tiles, threshold=threshold)
     if levels.dtype == np.uint8:
         return {"source": name, "tiles": rows_of(levels), "values": None}
@@ -158,16 +140,7 @@ def fields_of_file(spec: str, tiles: Size | None = None, threshold: float | None
 
 
 def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:
-    """Return the tiles of a pattern or a random floor, and the still ones below patches.
-
-    Args:
-        source: a pattern with its fill ratio (``diagonal:0.46``), a random floor (``random:0.48``), and so on.
-        rows, columns: size of a floor that is no pattern. seed, run: select one random floor. All four are not used for
-            patterns, which are 10 x 10.
-    Raises:
-        InputError: there is no such pattern (the message names the most similar name), or a floor of this size cannot
-            have this fill ratio.
-    """
+    """Return the tiles of a pattern or a random floor, and the still ones below patches."""
     if is_patches(source):
         return np.zeros((rows, columns), dtype=np.uint8)
     if is_random(source):
@@ -178,13 +151,7 @@ def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> ND
 
 
 def pattern(name: str) -> NDArray[np.uint8]:
-    """Return the tiles of a named pattern, uint8 of shape (10, 10), top row first.
-
-    Args:
-        name: one of ``NAMES``.
-    Raises:
-        InputError: no pattern has this name.
-    """
+    """Return the tiles of a named pattern, uint8 of shape (10, 10), top row first."""
     if name not in _PATTERNS:
         raise _unknown(name)
     drawing, cleared = _PATTERNS[name]  # cleared: tiles that vibrate in the drawing but are still
@@ -197,16 +164,7 @@ def pattern(name: str) -> NDArray[np.uint8]:
 def random_tiles(
     rows: int, columns: int, fill_ratio: float | Sequence[float], seed: int, run: int
 ) -> NDArray[np.uint8]:
-    """Return the random floor that (seed, run) selects, uint8 of shape (rows, columns).
-
-    Args:
-        rows, columns: size of the floor, at least 1 x 1.
-        fill_ratio: share of vibrating tiles, or shares of the kinds 0, 1, 2 and so on, which sum to 1; the numbers of
-            tiles that they give must be whole, to about six digits.
-        seed: in [0, 2^63). run: in [0, 2^32).
-    Raises:
-        InputError: a share is impossible.
-    """
+    """Return the random floor that (seed, run) selects, uint8 of shape (rows, columns), of exact numbers of tiles."""
     shares = [fill_ratio] if isinstance(fill_ratio, float | int) else list(fill_ratio)[1:]
     tiles, first = np.zeros(rows * columns, dtype=np.uint8), 0
     order = shuffled(rows * columns, seed, run)
@@ -218,11 +176,7 @@ def random_tiles(
 
 
 def exact_ones(rows: int, columns: int, fill_ratio: float) -> int:
-    """Return the number of vibrating tiles that gives ``fill_ratio``, to about six digits.
-
-    Raises:
-        InputError: ``fill_ratio`` is not in [0, 1], or no number of tiles gives it.
-    """
+    """Return the number of vibrating tiles that gives ``fill_ratio``, to about six digits."""
     count = rows * columns
     ones = round(fill_ratio * count) if 0 <= fill_ratio <= 1 else -1
     # The user may round the fill ratio to six digits (1e-6), but by at most 0.01 tiles, so that it is clear which whole
@@ -236,10 +190,7 @@ def exact_ones(rows: int, columns: int, fill_ratio: float) -> int:
 
 
 def _shares(spec: str) -> tuple[float, ...]:
-    """Return the shares of the kinds 0, 1 and so on in a name such as ``random:0.4,0.36,0.24``.
-
-    A single share, as in ``random:0.48``, is that of vibrating tiles, kind 1; the rest is still, kind 0.
-    """
+    """Return the shares of kinds in a name such as ``random:0.4,0.36,0.24``; a single one is that of kind 1."""
     try:
         shares = tuple(float(part) for part in spec.partition(":")[2].split(","))
     except ValueError:
@@ -263,7 +214,7 @@ def _unknown(spec: str) -> InputError:
 
 
 def parts_of_file(spec: str) -> tuple[str, str]:
-    """Return the name of a floor file in two parts: what stands before the path, such as ``values:3..12:``, and it."""
+    """Return the name of a floor file in two parts: before its path, such as ``values:3..12:``, and the path."""
     match = _VALUES.fullmatch(spec)
     return (match["prefix"], match["path"]) if match else ("", spec)
 

@@ -90,11 +90,7 @@ class Patch(NamedTuple):
 
 @inner
 def edge_distance(across: Numbers, up: Numbers, width: Numbers, height: Numbers, is_disc: bool) -> Numbers:
-    """Return the distance from the edge of a patch, negative inside; also of arrays, outside of kernels.
-
-    Args:
-        across, up: distances from its centre along x and y, at least 0. width, height: its sides, or diameters.
-    """
+    """Return the distance from the edge of a patch, negative inside; also of arrays, outside of kernels."""
     if is_disc:
         return np.hypot(across, up) - 0.5 * width
     dx, dy = across - 0.5 * width, up - 0.5 * height
@@ -119,14 +115,7 @@ def is_patches(name: str) -> bool:
 
 
 def named_patches(name: str, box_m: Box, seed: int, run: int, *, draw: int = 0) -> tuple[Patch, ...]:
-    """Return the patches of a floor by its name, at random places of (seed, run).
-
-    Args:
-        box_m: the part of the floor that is in the arena. draw: number of the draw of patches in a run: each has places
-            of its own.
-    Raises:
-        InputError: the name is not one of these, a number is out of range, or the patches do not fit.
-    """
+    """Return the patches of a floor by its name, at random places of (seed, run)."""
     text = name.partition(":")[2]
     patches: list[Patch] = []
     for part in () if text in ("none", "0") else text.split("+"):

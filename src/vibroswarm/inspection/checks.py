@@ -54,11 +54,7 @@ refused", "refused", or "not made": too few samples or robots are on still place
 
 
 def law_checks(samples: Samples, called: Sequence[Box] = (), *, seed: int = 4) -> pl.DataFrame:
-    """Return the checks of an inspection, with the columns of ``CHECKS``.
-
-    Args:
-        called: patches, without a grid.
-    """
+    """Return the checks of an inspection, with the columns of ``CHECKS``."""
     quiet = _still_by_others(samples) if samples.floor is not None else _away(samples, called)
     some = samples.where(pl.Series(quiet))
     enough = int((some.frame["robot"].value_counts()["count"] >= LEAST_PER_ROBOT).sum())
@@ -108,14 +104,14 @@ def _away(samples: Samples, called: Sequence[Box]) -> NDArray[np.bool_]:
 
 
 def _ranks(law: Law, values: Floats) -> Floats:
-    """Return the share of still values that are smaller, of each value; the rank of a reading is the reading itself."""
+    """Return the share of still values that are smaller, of each value; a reading is its own rank."""
     if law.bits:
         return values
     return np.asarray(np.searchsorted(quantiles_of(law)[0], values, side="right") / EVEN)
 
 
 def _statistics(some: Samples, rank: Floats) -> Floats:
-    """Return the statistics of ``LAW_CHECKS`` for each replicate, (checks, replicates), of ranks, (samples, those)."""
+    """Return the statistics of ``LAW_CHECKS``, (checks, replicates), of ranks, (samples, replicates)."""
     number = len(rank)
     if some.law.bits:
         score = rank - read_by(some.law, quantiles_of(some.law)[0]).mean()

@@ -118,7 +118,6 @@ def squares_at(
 def _sensed(
     random: np.random.Generator, samples: Samples, replicates: int, patch: Patch
 ) -> NDArray[np.bool_]:
-    """Return which samples sense the patch of each replicate, (samples, replicates)."""
     known = not samples.frame["true_x_m"].has_nulls()
     shape = samples.frame.height, replicates
     at_m = []
@@ -135,12 +134,7 @@ def _sensed(
 def drawn_values(
     random: np.random.Generator, samples: Samples, replicates: int, patch: Patch | None = None
 ) -> Floats:
-    """Draw what the samples would have measured, (samples, replicates).
-
-    Args:
-        patch: damage, felt at the samples' true places; where these are not known they are drawn about the samples'
-            places, by their spreads. None: the surface is intact.
-    """
+    """Draw what the samples would have measured, (samples, replicates)."""
     truths = _draws_of(samples.law)[1]
     inside = None if patch is None else _sensed(random, samples, replicates, patch)
     index = random.integers(EVEN, size=(samples.frame.height, replicates), dtype=np.uint16)

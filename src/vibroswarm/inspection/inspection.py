@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inspection.assessment import Assessment, assess
+from vibroswarm.inspection.assessment import Assessment, Question, assess
 from vibroswarm.inspection.laws import (
     DRAWS,
     known_from,
@@ -26,7 +26,6 @@ from vibroswarm.inspection.patches import SIZES_M, Sides
 from vibroswarm.inspection.samples import Floats, Law, Samples
 from vibroswarm.inspection.scan import REPLICATES
 from vibroswarm.inspection.sources import Origin, samples_of_csv, samples_of_result
-from vibroswarm.inspection.stopping import Question
 from vibroswarm.inspection.tile_map import any_but_still, kind_map, tile_map
 from vibroswarm.lab.recordings.recording import Recording, read_result
 from vibroswarm.result import Result
@@ -165,7 +164,6 @@ def _law_of(
     *,
     bits: bool = False,
 ) -> Law:
-    """Return the law by which samples are judged; ``result`` is None for a CSV, whose law must be given."""
     if isinstance(laws, str | Path):
         return law_named(str(laws), draws=draws, spreads=spreads)
     if isinstance(laws, Scenario):

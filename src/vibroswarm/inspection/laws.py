@@ -60,16 +60,7 @@ FITTED: Final = (*FIELDS, *SPREADS)
 
 
 def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draws: int = DRAWS) -> Law:
-    """Fit the law of the sensor and the camera to some sessions.
-
-    Differences between tiles and robots are part of the law: a sample counts less because of them.
-
-    Args:
-        found: recordings, with positions as the camera saw them. sessions: numbers of those that are used.
-        words: what the sessions are. draws: laws of resampled sessions; 0: the law's error is not needed.
-    Raises:
-        InputError: all samples lie on one kind of tile.
-    """
+    """Fit the law of the sensor and the camera to some sessions."""
     chosen = found.only(sessions)
     # A camera saw the places, or may have seen them, unless a recording has no tracks.
     is_seen = not any(isinstance(one, Recording) and one.tracks.is_empty() for one in found.results)
@@ -107,13 +98,7 @@ def hash_of_run(result: Result, run: int, column: str = "energy") -> str:
 
 
 def law_for_session(recording: Recording, run: int, *, draws: int = DRAWS, bits: bool = False) -> Law:
-    """Return the law of a recorded session, fitted to the recording's other sessions if there are any.
-
-    Args:
-        run: the session. draws: as in ``law_of_sessions``. bits: whether the law is that of readings of 0 and 1.
-    Raises:
-        InputError: there is no such session, or all samples lie on one kind of tile.
-    """
+    """Return the law of a recorded session, fitted to the recording's other sessions if there are any."""
     runs = recording.runs["run"].to_list()
     if run not in runs:
         raise InputError(f"there is no session {run} of {len(runs)}", field="--run")
@@ -126,11 +111,7 @@ def law_for_session(recording: Recording, run: int, *, draws: int = DRAWS, bits:
 
 
 def law_of_bits(recording: Recording, runs: Sequence[int], words: str, *, draws: int = DRAWS) -> Law:
-    """Return the law of the readings of some sessions: the shares of ones on still and on vibrating tiles.
-
-    Raises:
-        InputError: all samples lie on one kind of tile.
-    """
+    """Return the law of the readings of some sessions: the shares of ones on still and on vibrating tiles."""
     ones, number = np.zeros(2), np.zeros(2)
     for run in runs:
         own = recording.observations.filter(pl.col("run") == run, pl.col("tile") >= 0)
@@ -153,14 +134,7 @@ def sensor_of_bits(ones: NDArray[Any]) -> Sensor:
 
 
 def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (0.0, 0.0)) -> Law:
-    """Return the law of a scenario (preset or TOML), of measured energies (CSV), or of a recording (folder).
-
-    Args:
-        draws: laws of resampled sessions; a file of a law (``write_law``) and measured energies have their own.
-        spreads: of tiles and robots, of measured energies.
-    Raises:
-        InputError: there is no such preset or file, or it holds no law.
-    """
+    """Return the law of a scenario (preset or TOML), of measured energies (CSV), or of a recording (folder)."""
     path = Path(text)
     if path.is_dir():
         return law_of_recordings([Recording.read(path)], draws)
@@ -176,14 +150,7 @@ def law_named(text: str, *, draws: int = DRAWS, spreads: tuple[float, float] = (
 def law_of_measured(
     vibrating: Floats, still: Floats, words: str, spreads: tuple[float, float] = (0.0, 0.0)
 ) -> Law:
-    """Return the law of energies that were measured where it vibrates and where it is still.
-
-    Args:
-        words: what the energies are; names them in errors. spreads: how much tiles and robots differ, which energies do
-            not show: standard deviations of the logarithms of their factors.
-    Raises:
-        InputError: there are too few energies.
-    """
+    """Return the law of energies that were measured where it vibrates and where it is still."""
     if min(vibrating.size, still.size) < FEWEST:
         raise InputError(
             f"{vibrating.size} vibrating and {still.size} still values; {FEWEST} of each are needed",
@@ -227,13 +194,7 @@ def _often(energies: Floats) -> Floats:
 
 
 def _smoothed(truth: Sensor, scale: Scale, often: Floats) -> Sensor:
-    """Return a law of energies between and beyond those measured too, as surfaces have them.
-
-    By the measured ones alone no drawn surface had an energy beyond them, so that too many surfaces were called.
-
-    Args:
-        often: energies that were measured often: they have none about them.
-    """
+    """Return a law of energies between and beyond those measured; by these alone too many surfaces were called."""
     update: dict[str, Any] = {}
     for field in ("vibrating_energies", "still_energies"):
         energies = np.array(getattr(truth, field))
@@ -262,10 +223,7 @@ def known_from(scenario: Scenario, words: str) -> Law:
 
 
 def with_law(recording: Recording, law: Law) -> tuple[Recording, tuple[str, ...]]:
-    """Return a recording whose scenario has a law, with its own threshold, and places corrected by the law's camera.
-
-    Returns: the recording, and a warning if the law was fitted to one of its sessions.
-    """
+    """Return a recording with a law and its own threshold, places corrected by the law's camera, and warnings."""
     threshold = recording.scenario.sensor.rms_threshold
     sensor = law.sensor.model_copy(update={"rms_threshold": threshold})
     seen = corrected(recording, law.camera)
@@ -277,7 +235,7 @@ def with_law(recording: Recording, law: Law) -> tuple[Recording, tuple[str, ...]
 
 
 def law_table(law: Law) -> pl.DataFrame:
-    """Return the fitted law: field, value, standard error, and limits of 95 % (of the draws), a row for each field."""
+    """Return the fitted law, a row a field: value, standard error, and 95 % limits of the draws."""
     drawn = np.array(_rows_of(law))
     low, high = limits_of(drawn)
     return pl.DataFrame(
@@ -292,18 +250,11 @@ def law_table(law: Law) -> pl.DataFrame:
 
 
 def _rows_of(law: Law) -> list[list[float]]:
-    """Return the values of ``FITTED`` of each draw of a law; without a difference a spread is 0."""
     return [[getattr(one.judge, name) or 0.0 for name in FITTED] for one in law.draws]
 
 
 def law_of_recordings(recordings: Sequence[Recording], draws: int = KEPT) -> Law:
-    """Return the law of all sessions of recordings.
-
-    Args:
-        draws: as in ``law_of_sessions``.
-    Raises:
-        InputError: all samples lie on one kind of tile, or of one robot in one session, whose law has no known error.
-    """
+    """Return the law of all sessions of recordings."""
     found = dataset_of(recordings)
     if draws and robot_clusters(found.samples).max() == 0:
         raise InputError("has one robot in one session; give at least two", field="the recording")
@@ -312,13 +263,7 @@ def law_of_recordings(recordings: Sequence[Recording], draws: int = KEPT) -> Law
 
 
 def write_law(law: Law, base: Scenario, path: Path, *, replace: bool = False) -> None:
-    """Write a fitted law as a scenario: as the sensor of simulations, and as ``--laws`` of inspections.
-
-    The scenario has its sensor, the camera, and in the section law its error and sessions.
-
-    Args:
-        base: what the scenario is in all else. replace: whether a file that exists is replaced.
-    """
+    """Write a fitted law as a scenario: as the sensor of simulations, and as ``--laws`` of inspections."""
     scenario = base.with_values(
         {f"camera.{name}": None for name in Camera.__dataclass_fields__}
         | {"sensor.model": "gamma", "law.sessions": list(law.sessions), "law.draws": _rows_of(law)}

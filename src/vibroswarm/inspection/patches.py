@@ -102,13 +102,7 @@ class Patches:
 
 
 def declared(size_m: tuple[float, float], sides_m: Sequence[float | Sides] = SIZES_M) -> Patches:
-    """Return the declared set on a surface.
-
-    Args:
-        size_m: width and height of the surface. sides_m: sides of squares, or widths and heights.
-    Raises:
-        InputError: a patch is larger than the surface, or there are too many places.
-    """
+    """Return the declared set on a surface."""
     sides = tuple(dict.fromkeys(one if isinstance(one, tuple) else (one, one) for one in sides_m))
     if any(not 0.0 < side <= whole for each in sides for side, whole in zip(each, size_m, strict=True)):
         raise InputError(f"are not all within {size_m[0]:g} m x {size_m[1]:g} m", field="--sizes")
@@ -139,11 +133,7 @@ class Shares(NamedTuple):
 
 
 def shares_of(samples: Samples, patches: Patches, coarse: float = 0.0) -> Shares:
-    """Return the shares of the samples' places in the patches.
-
-    Args:
-        coarse: least standard deviation of places, in steps of each size.
-    """
+    """Return the shares of the samples' places in the patches."""
     sensor = samples.law.sensor
     reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
 
@@ -205,11 +195,7 @@ def _log_likelihoods(first: NDArray[np.int64], sample: NDArray[np.int32], share:
 
 
 def log_likelihoods(shares: Shares, log_ratio: Floats) -> Floats:
-    """Return ln L_j of each patch and replicate, (patches, replicates).
-
-    Args:
-        log_ratio: of each sample and replicate, (samples, replicates).
-    """
+    """Return ln L_j of each patch and replicate, (patches, replicates)."""
     out = np.empty((shares.first.size - 1, log_ratio.shape[1]))
     for begin in range(0, log_ratio.shape[1], AT_ONCE):
         part = slice(begin, begin + AT_ONCE)
@@ -226,11 +212,7 @@ def scan_statistic(patches: Patches, logs: Floats) -> Floats:
 
 
 def raster(patches: Patches, logs: Floats, prior: float, cells: int, size_m: tuple[float, float]) -> Floats:
-    """Return the probability that each cell of a raster is damaged, (cells, cells), top row first.
-
-    Args:
-        logs: ln L_j, (patches,). prior: pi. cells: cells along each side of the surface. size_m: its width and height.
-    """
+    """Return the probability that each cell of a raster is damaged, (cells, cells), top row first."""
     posterior = patches.weights * np.exp(np.minimum(logs, 600.0))
     posterior *= prior / (1.0 - prior + prior * posterior.sum())
     total = np.zeros((cells, cells))

@@ -1,8 +1,4 @@
-"""The samples of one inspection: where each was taken, what it measured, and its log likelihood ratio.
-
-They come from a simulated or stored result, from a recording, or from a CSV (``sources``). All that follows, maps,
-scans and certificates, reads nothing else.
-"""
+"""The samples of one inspection: where each was taken, what it measured, and its log likelihood ratio."""
 
 from __future__ import annotations
 
@@ -99,7 +95,7 @@ class Law:
 
     @property
     def has_contrasts(self) -> bool:
-        """Whether damage may be weaker: between few readings, as of a bit or measured as 0 and 1, there is nothing."""
+        """Whether damage may be weaker; between few readings, as of a bit or 0 and 1, there is nothing."""
         measured = {*(self.sensor.still_energies or ()), *(self.sensor.vibrating_energies or ())}
         return not self.bits and not 0 < len(measured) <= FEW_READINGS
 
@@ -125,11 +121,7 @@ class Samples:
 
     @property
     def grid(self) -> Floor:
-        """The grid of tiles.
-
-        Raises:
-            InputError: there is no grid.
-        """
+        """The grid of tiles."""
         if self.floor is None:
             raise InputError("a map of tiles needs a grid; give it", field="--tiles")
         return self.floor
@@ -164,11 +156,7 @@ def session_hash(values: Any) -> str:
 
 
 def ratios_of_values(law: Law, value: Floats) -> Floats:
-    """Return the log likelihood ratio of each value under a law, (samples,).
-
-    Args:
-        value: energies; readings of 0 and 1, if the law is of bits; classes, if it has more than two kinds of tile.
-    """
+    """Return the log likelihood ratio of each value under a law, (samples,)."""
     if law.sensor.kinds > 2:
         return log_ratios_of_classes(law.sensor, value, place=law.place)
     if law.bits:
@@ -177,11 +165,7 @@ def ratios_of_values(law: Law, value: Floats) -> Floats:
 
 
 def read_by(law: Law, energy: NDArray[Any]) -> Floats:
-    """Return the values of samples that measure these energies, in their shape: the energies, or what is read of them.
-
-    Raises:
-        InputError: what is read depends on further numbers.
-    """
+    """Return what samples that measure these energies read, in their shape: the energies, or classes."""
     if not law.bits:
         return energy.astype(np.float64, copy=False)
     model = model_of(law.sensor)

@@ -28,7 +28,7 @@ from vibroswarm.lab.recordings.read_tables import Use, read_rows
 from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.result import Result
-from vibroswarm.scenario.fault_fields import failing_sensors
+from vibroswarm.scenario.disturbance_fields import failing_sensors
 
 KEY: Final = ("run", "robot", "sample")
 LARGEST: Final = 1e9
@@ -57,12 +57,6 @@ def samples_of_result(
     the camera, corrected by ``law.camera``. An estimated place is the one smoothed by what the robot met until its
     next samples (``localisation.lag``), and the sample counts from then on; the last samples of a run, of which there
     is no such estimate, have the one that the robot had at once.
-
-    Args:
-        bits: use the readings, 0 or 1, in the place of the energies.
-        spread_m: standard deviation in x and in y of the places of a recording that a camera or its log gives.
-    Raises:
-        InputError: there is no such run, it has no energies, or how sure its places are is known.
     """
     result, of_run = corrected(result, law.camera), pl.col("run") == run
     motion = result.motion.filter(of_run).select(*KEY, "time_s", "x_m", "y_m")
@@ -113,7 +107,6 @@ def _values(result: Result, of_run: pl.Expr, bits: bool) -> pl.DataFrame:
 
 
 def _with_places(result: Result, motion: pl.DataFrame, of_run: pl.Expr, spread_m: float) -> pl.DataFrame:
-    """Return samples with places, spreads and the time from which they count."""
     if result.places is None:
         return motion.with_columns(spread_x_m=pl.lit(spread_m), spread_y_m=pl.lit(spread_m))
     own = result.places.filter(of_run)
@@ -141,11 +134,6 @@ def _samples(
     frame: pl.DataFrame, size_m: tuple[float, float], law: Law, places: Places, source: str, *, floor: Floor | None,
     bits: bool, doubts: tuple[Doubt, ...], truth_known: bool, kinds: Floor | None = None,
 ) -> Samples:  # fmt: skip
-    """Return samples with their log ratios.
-
-    Raises:
-        InputError: there are too few, they are outside the surface, or most values are outside those of the law.
-    """
     known = law if law.bits == bits else replace(law, bits=bits)
     value = frame["value"].to_numpy()
     if frame.height < FEWEST:
@@ -192,13 +180,6 @@ def samples_of_csv(
     Its header names the columns x_UNIT, y_UNIT and value, and perhaps robot, time_UNIT and spread_UNIT, the standard
     deviation of each place, such as ``robot,time_s,x_mm,y_mm,value``. Without robot, one robot took all samples; robots
     that have names are numbered in order. Rows without a value are left out.
-
-    Args:
-        size_m: width and height of the surface. spread_m: standard deviation of the places in x and in y, if the file
-            has none. floor: grid of tiles; None: none is known. truth_known: whether it says which tiles vibrate.
-        origin: from where places count.
-    Raises:
-        InputError: the file cannot be read, or a column is missing.
     """
     read = read_rows([path], COLUMNS)
     if "value" not in read.columns:

@@ -49,11 +49,7 @@ class Shares(NamedTuple):
 
 
 def place_shares(samples: Samples) -> Shares:
-    """Return the shares of the samples' places on the tiles.
-
-    Raises:
-        InputError: there is no grid.
-    """
+    """Return the shares of the samples' places on the tiles."""
     rows, columns, width_m, height_m, left_m, bottom_m = samples.grid.geometry
     sensor = samples.law.sensor
     edge_m = math.hypot(sensor.edge_blur_m or 0.0, sensor.edge_reach_m or 0.0)
@@ -77,12 +73,7 @@ def place_shares(samples: Samples) -> Shares:
 def _propagate(
     at: Shares, ratios: Floats, ends: Integers, sites: Floats, odds: Floats, mean: Floats, out: Floats
 ) -> None:
-    """Write the log odds of all kinds against kind 0 after each number of samples to ``out``, (ends, tiles, kinds).
-
-    Args:
-        ratios: (samples, kinds), ln r_k. sites: (entries, kinds), evidence of each sample on each of its tiles.
-            odds: (tiles, kinds). Both are all 0 at first, and changed. mean: (tiles,), room for m_t.
-    """
+    """Write the log odds of all kinds against kind 0 after each number of samples to ``out``, (ends, tiles, kinds)."""
     kinds = ratios.shape[1]
     for e in range(ends.size):
         for _ in range(SWEEPS):
@@ -118,11 +109,7 @@ def _propagate(
 
 
 def kind_map(samples: Samples, times_s: ArrayLike) -> Floats:
-    """Return the probability that each tile is of each kind, by each time, (times, tiles, kinds).
-
-    Args:
-        samples: with a grid. times_s: increasing.
-    """
+    """Return the probability that each tile is of each kind, by each time, (times, tiles, kinds)."""
     at, law = place_shares(samples), samples.law
     ends = np.searchsorted(samples.column("time_s"), np.atleast_1d(times_s), side="right").astype(np.int64)
     kinds, log_ratio = law.sensor.kinds, samples.column("log_ratio")
@@ -150,11 +137,7 @@ def felt_on(samples: Samples, p: Floats) -> Floats:
 
 
 def any_but_still(samples: Samples) -> Samples:
-    """Return samples of several kinds as samples of two: whether each reads as any kind but 0.
-
-    The law is that of all kinds but 0 in equal shares. Readings that tell such kinds apart tell nothing more of whether
-    there is one, unless kind 0 is taken for one of them more often than for another.
-    """
+    """Return samples of several kinds as samples of two, 0 and any other; the law is that of the others alike."""
     shares = 1.0 - claimed_rates(samples.law.sensor, samples.law.place)[:, 0]
     law = replace(samples.law, sensor=sensor_of_bits(np.array([shares[0], shares[1:].mean()])), bits=True)
     read = (samples.column("value") > 0).astype(np.float64)

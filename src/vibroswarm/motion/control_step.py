@@ -1,14 +1,9 @@
 """One control period of a swarm in named phases: sense, control, move, contact.
 
-A robot's move is here its way in one control period, from its pose at a tick to its pose at the next. (In ``moves``, a
-move is a whole drive, turn, avoidance or stop.)
-
-``Swarm`` is the whole state between two ticks. Each phase is a plain function that changes it in place; ``fixed_step``
-calls the phases in order. ``setup`` is the scenario's parameters (``robot_params.Setup``), ``i`` the number of a robot.
-
-Random numbers of a robot's walk are drawn ahead and stored in its row (``dice_...``): the program of the robot uses the
-one that it needs, and then the next one is drawn. They are addressed by the number of legs or of avoidances begun, so a
-robot's walk does not depend on the order in which robots are simulated.
+A robot's move is here its way in one control period. Each phase changes ``Swarm``, the whole state between two ticks,
+in place. ``setup`` is the scenario's parameters (``robot_params.Setup``), ``i`` the number of a robot. Random numbers
+of a robot's walk are drawn ahead and stored in its row (``dice_...``). They are addressed by the number of legs or of
+avoidances begun, so a robot's walk does not depend on the order in which robots are simulated.
 """
 
 from __future__ import annotations
@@ -110,11 +105,7 @@ def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) 
 
 @inner
 def roll_leg(swarm: Swarm, i: int, seed: int, run: int, legs: int) -> None:
-    """Draw the random numbers of robot ``i``'s next leg and of the turn before that leg.
-
-    ``legs`` is the number of legs begun, at least 1. The leg's number has the index 2 legs, the turn's 2 legs - 1; so
-    index 0 remains for the first leg, which ``begin`` draws.
-    """
+    """Draw the random numbers of robot ``i``'s next leg (index 2 legs) and of the turn before that leg (2 legs - 1)."""
     swarm[i].dice_leg = uniform(seed, run, i, WALK, 2 * legs, ALONE)
     swarm[i].dice_turn = uniform(seed, run, i, WALK, 2 * legs - 1, ALONE)
 
@@ -127,13 +118,7 @@ def roll_avoidance(swarm: Swarm, i: int, seed: int, run: int, avoidances: int) -
 
 @kernel
 def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int) -> bool:
-    """Set the state at tick 0: the robots are placed, stand, and have drawn their first leg.
-
-    Args:
-        swarm: all zero; written. speeds: ``robot_params.speed_quantiles``.
-    Returns: whether all robots have found a place; if not, they are to be placed by ``place_on_lattice``. It is a
-        kernel of its own, as few swarms need it.
-    """
+    """Set the state at tick 0: robots placed, standing, their first leg drawn; return whether all found a place."""
     for i in range(swarm.size):
         swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, FIRST, OF_HEADING) - 1.0)
         swarm[i].misalignment = misalignment(setup, seed, run, i)
@@ -156,10 +141,8 @@ def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, ru
 
 @inner
 def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> bool:
-    """Place the robots one after the other at random in the start region, without overlap.
-
-    Returns: False if one of them finds no free place in 1000 attempts.
-    """
+    """Place the robots at random in the start region, without overlap; return False if one finds no room in 1000
+    tries."""
     # Bounds of the start region: x from left to right, y from low to high.
     left, right, low, high = setup.start[0], setup.start[1], setup.start[2], setup.start[3]
     for i in range(swarm.size):
@@ -178,10 +161,7 @@ def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> bool:
 
 @allocating_kernel
 def place_on_lattice(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
-    """Place the robots on different random sites of a lattice that fills the start region (Fisher-Yates shuffle).
-
-    Scenarios with more robots than sites are refused, so there is a site for each.
-    """
+    """Place the robots on different random sites of a lattice that fills the start region (Fisher-Yates shuffle)."""
     # ``setup.start`` holds the bounds of the start region: least x, greatest x, least y, greatest y.
     columns, rows = setup.lattice[0], setup.lattice[1]
     sites = np.arange(columns * rows)
@@ -211,11 +191,7 @@ def touches(swarm: Swarm, setup: Setup, i: int, count: int, x_m: float, y_m: flo
 
 @kernel
 def sense(swarm: Swarm, setup: Setup) -> None:
-    """Set ``nearest_mm``, the length of the shortest ray, of each robot whose program reads it at this tick.
-
-    ``nearest_mm`` is infinite while a robot ignores its rays after a turn (``is_blind``). Where the program does not
-    read it, the old value stays.
-    """
+    """Set ``nearest_mm``, the shortest ray (infinite if ``is_blind``), of each robot whose program reads it now."""
     for i in range(swarm.size):
         if setup.blind_ms > 0.0 and is_blind(swarm, i):
             swarm[i].nearest_mm = math.inf
@@ -225,10 +201,7 @@ def sense(swarm: Swarm, setup: Setup) -> None:
 
 @inner
 def is_blind(swarm: Swarm, i: int) -> bool:
-    """Return whether robot ``i`` ignores its rays: while it turns or avoids, and for ``blind_ms`` of driving after it.
-
-    ``note_turns_end`` sets ``sees_from_ms``, the driving time at which this ends.
-    """
+    """Return whether robot ``i`` ignores its rays: while it turns or avoids, and for ``blind_ms`` of driving then."""
     row = swarm[i]
     mode = row.resume if row.mode == STOP else row.mode  # a stop may interrupt a turn
     return bool(mode != DRIVE or row.driven_ms < row.sees_from_ms)
@@ -236,11 +209,7 @@ def is_blind(swarm: Swarm, i: int) -> bool:
 
 @inner
 def note_turns_end(swarm: Swarm, setup: Setup, i: int, before: WalkState, after: WalkState) -> None:
-    """Set ``sees_from_ms``, the driving time from which robot ``i`` uses its rays again, if a turn has just ended.
-
-    Args:
-        before, after: state of the robot's program before and after its step at this tick.
-    """
+    """Set ``sees_from_ms``, the driving time from which robot ``i`` uses its rays again, if a turn has just ended."""
     mode_before = before.resume if before.mode == STOP else before.mode
     if mode_before != DRIVE and after.mode == DRIVE:
         # The driving time of the coming period is already counted in ``after``.
@@ -249,11 +218,7 @@ def note_turns_end(swarm: Swarm, setup: Setup, i: int, before: WalkState, after:
 
 @kernel
 def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
-    """Return the shortest of robot ``i``'s rays to a wall or to another robot, m.
-
-    It is infinite if nothing is within ``look_m``, the shorter of the rays' range and the avoidance threshold theta_c,
-    as objects beyond have no effect on the robot.
-    """
+    """Return the shortest of robot ``i``'s rays to a wall or to another robot, m; infinite beyond ``look_m``."""
     # Only walls and robots that a ray can reach are tried. ``ray_reach_m``: how far rays reach from the robot's centre.
     x, y, reach = swarm[i].x_m, swarm[i].y_m, setup.ray_reach_m
     near_wall = x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach
@@ -287,11 +252,7 @@ def ray(
 def rays_to_walls(
     setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float
 ) -> float:
-    """Return the shortest ray to a wall, m, for a robot at (x_m, y_m) that faces the unit vector (ahead_x, ahead_y).
-
-    Args:
-        forward_m: how far ahead of the robot's centre its rays start.
-    """
+    """Return the shortest ray to a wall, m, for a robot at (x_m, y_m) that faces the unit vector (ahead_x, ahead_y)."""
     shortest_m = math.inf
     for k in range(setup.ray_side_m.size):
         from_x, from_y, dx, dy = ray(setup, k, forward_m, x_m, y_m, ahead_x, ahead_y)
@@ -304,10 +265,7 @@ def rays_to_disc(
     setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float,
     disc_x_m: float, disc_y_m: float,
 ) -> float:  # fmt: skip
-    """Return the shortest ray to another robot, a disc at (disc_x_m, disc_y_m), m; infinite if every ray misses it.
-
-    The other arguments are those of ``rays_to_walls``.
-    """
+    """Return the shortest ray to another robot, a disc at (disc_x_m, disc_y_m), m; infinite if every ray misses it."""
     shortest_m = math.inf
     for k in range(setup.ray_side_m.size):
         from_x, from_y, dx, dy = ray(setup, k, forward_m, x_m, y_m, ahead_x, ahead_y)
@@ -319,10 +277,7 @@ def rays_to_disc(
 
 @kernel
 def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
-    """Step each robot's program, and set the speed and turn rate that follow from its wheel commands.
-
-    Return the number of robots that sample at this tick.
-    """
+    """Step each robot's program, and set the speed and turn rate that follow; return how many robots sample."""
     sampling = 0
     for i in range(swarm.size):
         sampling += control_one(swarm, setup, seed, run, tick, i)
@@ -331,10 +286,7 @@ def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
 
 @inlined
 def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: int) -> int:
-    """Step robot ``i``'s program, and set the speed and turn rate that follow from its wheel commands.
-
-    Return 1 if the robot samples at this tick, else 0.
-    """
+    """Step robot ``i``'s program, and set the speed and turn rate that follow; return 1 if it samples, else 0."""
     before = load(swarm, i)
     row = swarm[i]
     # A robot whose failure is due during a stop still completes the stop and takes its sample, and fails at its next
@@ -368,11 +320,8 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
 def fail(swarm: Swarm, i: int, tick: int) -> None:
     """Make robot ``i`` stand for good from this tick on, as if in a stop that never ends with a sample.
 
-    It is called at every step of the robot from the failure on. For a standing robot, ``stop_tick`` is read as the tick
-    from which it hears no messages, or -1 while it hears them. A robot that stands to sample hears nothing from the
-    start of its stop. A failed robot hears until its ``silent_tick``: ``stop_tick`` is -1 until then, and afterwards
-    the first tick at which the robot is silent. If the robot failed after a sample and was due to be silent by then,
-    ``stop_tick`` stays the start of that stop.
+    ``stop_tick`` of a standing robot is the tick from which it hears no messages, or -1 while it hears them: a failed
+    robot hears until its ``silent_tick``.
     """
     row = swarm[i]
     if not row.failed:
@@ -386,11 +335,7 @@ def fail(swarm: Swarm, i: int, tick: int) -> None:
 
 @kernel
 def move(swarm: Swarm, setup: Setup) -> None:
-    """Compute the pose that each robot would have at the next tick if nothing were in its way.
-
-    That pose is written into ``from_x_m``, ``from_y_m`` and ``from_heading_rad``, where ``contact`` reads it. Also set
-    ``gyro_deg``, the angle turned in this control period.
-    """
+    """Write the pose that each robot would have at the next tick, if nothing were in its way, to ``from_...``."""
     for i in range(swarm.size):
         row = swarm[i]
         row.gyro_deg = math.degrees(row.rate_rad_s * setup.tick_s)
@@ -404,11 +349,7 @@ def move(swarm: Swarm, setup: Setup) -> None:
 
 @kernel
 def blocked(swarm: Swarm, setup: Setup, i: int) -> bool:
-    """Return whether robot ``i``'s move would end in a wall or in another robot.
-
-    ``from_x_m`` and ``from_y_m`` hold the end of the move: ``move`` has written it there. The other robots are taken
-    where they are now: those of lower index have moved already.
-    """
+    """Return whether robot ``i``'s move, whose end ``move`` has written, would end in a wall or in another robot."""
     x, y, r = swarm[i].from_x_m, swarm[i].from_y_m, setup.radius_m
     if x < r or y < r or x > setup.width_m - r or y > setup.height_m - r:
         return True
@@ -417,12 +358,7 @@ def blocked(swarm: Swarm, setup: Setup, i: int) -> bool:
 
 @kernel
 def contact(swarm: Swarm, setup: Setup) -> None:
-    """Move the robots, in the order of their indices, to the poses that ``move`` computed.
-
-    A move that would end in an overlap is blocked: the position stays, while heading and clocks go on. Afterwards
-    ``from_x_m``, ``from_y_m`` and ``from_heading_rad`` hold each robot's pose before the move, from which rows of
-    moves start.
-    """
+    """Move the robots, in order, to the poses of ``move``, unless blocked; ``from_...`` is then the pose before."""
     for i in range(swarm.size):
         swarm[i].blocked = 0
         if swarm[i].speed_m_s != 0.0 and blocked(swarm, setup, i):
@@ -438,14 +374,7 @@ def contact(swarm: Swarm, setup: Setup) -> None:
 def refresh(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, i: int, tick: int
 ) -> None:
-    """Update what changes at a sample of robot ``i``: speed factor, misalignment (veer) and battery.
-
-    ``begin`` calls this function too, for the first speed factor and the battery.
-
-    Args:
-        speeds: ``robot_params.speed_quantiles``. tick: the present tick, by which the battery has run down. Its factor
-            stays above 0, as scenarios with runs that last ``battery_life_s`` or longer are refused.
-    """
+    """Update what changes at a sample of robot ``i``: speed factor, misalignment (veer) and battery."""
     index = swarm[i].samples % AT_ONCE
     if index == 0:  # all of the AT_ONCE factors drawn before are used up
         draw_speed_factors(

@@ -1,8 +1,4 @@
-"""The fixed-step engine: every control period of every robot in turn. It is simple, and the reference for tests.
-
-A control period has the phases sense, control, move and contact (``control_step``), after which samples are recorded.
-Times are integer ticks. All robots stand at tick 0 and walk from tick 1.
-"""
+"""The fixed-step engine: every control period of every robot in turn. It is simple, and the reference for tests."""
 
 from __future__ import annotations
 
@@ -27,12 +23,7 @@ def step(
     run: int,
     tick: int,
 ) -> None:
-    """Simulate one control period, from ``tick`` to the next, and write what happened at ``tick`` into ``record``.
-
-    Args:
-        swarm, record: changed in place. A table of ``record`` that has no room (size 0) is not recorded.
-        speeds: ``robot_params.speed_quantiles``.
-    """
+    """Simulate one control period, from ``tick`` to the next, and write what happened at ``tick`` into ``record``."""
     sense(swarm, setup)
     sampling = control(swarm, setup, seed, run, tick)
     move(swarm, setup)
@@ -49,10 +40,7 @@ def step(
 def sample(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], record: Record, seed: int, run: int, tick: int
 ) -> None:
-    """Record the samples taken at this tick, and update speed, veer and battery of the robots that took them.
-
-    A robot stands while it samples, so its pose after the move is its pose at ``tick``.
-    """
+    """Record the samples taken at this tick, and update speed, veer and battery of the robots that took them."""
     for i in range(swarm.size):
         if swarm[i].sampled:
             write_sample(record, swarm, run, i, tick)
@@ -70,10 +58,7 @@ def steps(
     tick: int,
     until: int,
 ) -> int:
-    """Simulate from ``tick`` up to ``until``, or until the buffers of ``record`` might overflow.
-
-    Return the tick reached; it is ``tick`` if the buffers have no room for even one tick.
-    """
+    """Simulate from ``tick`` up to ``until``, or while the buffers of ``record`` have room; return the tick reached."""
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
         step(swarm, setup, speeds, record, seed, run, now)

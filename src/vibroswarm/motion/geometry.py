@@ -45,8 +45,7 @@ def arc(
 def small_sin_cos(angle_rad: float) -> tuple[float, float]:
     """Return (sin, cos - 1) of an angle of at most SMALL_RAD, from their power series, exact to the last bit or two.
 
-    This takes a third of the time of ``math.sin`` and ``math.cos``. The second result is cos - 1, as subtracting 1 from
-    a cosine close to 1 would lose most of its digits. Terms are added in pairs, which processors compute side by side.
+    Subtracting 1 from a cosine close to 1 would lose most of its digits.
     """
     # With t, the square of the angle: sine = angle times ``odd``, and cosine - 1 = -t times ``even``.
     t = angle_rad * angle_rad
@@ -61,11 +60,7 @@ def small_sin_cos(angle_rad: float) -> tuple[float, float]:
 
 @inlined
 def sin_cos(angle_rad: float) -> tuple[float, float]:
-    """Return (sine, cosine) of an angle of at most a few turns, exact to the last bits.
-
-    The angle is the nearest number of quarter turns plus a rest. ``small_sin_cos`` returns sine and cosine of the rest,
-    which are then swapped and negated according to the quarter turns.
-    """
+    """Return (sine, cosine) of an angle of at most a few turns, exact to the last bits."""
     # QUARTER_REST_RAD corrects the rounding error of QUARTER_RAD.
     whole = np.floor(angle_rad * (2.0 / math.pi) + 0.5)
     sine, cosine_less_1 = small_sin_cos(angle_rad - whole * QUARTER_RAD - whole * QUARTER_REST_RAD)
@@ -79,10 +74,7 @@ def sin_cos(angle_rad: float) -> tuple[float, float]:
 
 @kernel
 def wall_distance(x_m: float, y_m: float, dx: float, dy: float, width_m: float, height_m: float) -> float:
-    """Return the distance from a point to the first wall in the direction of the unit vector (dx, dy).
-
-    The arena reaches from (0, 0) to (width_m, height_m). If the point is outside of it or on a wall, the distance is 0.
-    """
+    """Return the distance from a point to the first wall along the unit vector (dx, dy); 0 from outside the arena."""
     if x_m <= 0.0 or y_m <= 0.0 or x_m >= width_m or y_m >= height_m:
         return 0.0
     shortest_m = math.inf

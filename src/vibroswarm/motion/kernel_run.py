@@ -1,11 +1,7 @@
 """One run of an engine whose state is rows of numbers: advance it, copy it, steer robots, and record tables.
 
-``KernelRun`` is the ``source.MotionState`` of all our engines. ``tick`` is the next control period to simulate:
-everything before it is done.
-
-A robot can be steered after a sample, while it still stands. In the event engine, other robots then rely on it only up
-to the end of its stop, and its own next plan is made when the stop is over. So steering changes only what the robot
-resumes after the stop; no other state depends on that yet.
+A robot can be steered after a sample, while it still stands: other robots rely on it only up to the end of its stop,
+so steering changes only what it resumes then.
 """
 
 from __future__ import annotations
@@ -37,11 +33,7 @@ ROUNDING_TICKS = 1e-6
 
 @kernel
 def steer_robot(swarm: Swarm, i: int, turn_deg: float, drive_ms: float) -> bool:
-    """Set the next turn and leg of robot ``i``, which has just sampled; return False, changing nothing, if it has not.
-
-    Args:
-        turn_deg, drive_ms: as in ``robot.walk.steered``; NaN leaves the turn or the duration as it would be.
-    """
+    """Set the next turn and leg of robot ``i`` (``walk.steered``); return False if it has not just sampled."""
     row = swarm[i]
     # At tick 0 ``sampled`` is set, as if after a sample, but no sample has been counted.
     if row.mode != STOP or row.sampled == 0 or row.samples == 0:
@@ -52,13 +44,7 @@ def steer_robot(swarm: Swarm, i: int, turn_deg: float, drive_ms: float) -> bool:
 
 @inlined
 def robot_samples_from(swarm: Swarm, i: int, setup: Setup, latest: int, now: int) -> int:
-    """Return a tick before which robot ``i`` surely does not sample; NEVER_FAILS if it has failed.
-
-    This is a lower bound, ``now`` or later: the robot may sample later, as turns and avoidances may stop its timer.
-
-    Args:
-        latest: the robot's row holds its state after the step of this tick. now: the next tick to simulate.
-    """
+    """Return a tick before which robot ``i`` surely does not sample; NEVER_FAILS if it has failed."""
     row = swarm[i]
     if row.failed:
         return NEVER_FAILS
@@ -83,11 +69,7 @@ def no_sample_before(swarm: Swarm, setup: Setup, latest: NDArray[np.int64], now:
 
 
 class KernelRun(ABC):
-    """A run whose state is rows of numbers, those after each control period unless an engine defines another.
-
-    Args:
-        moves: whether moves are recorded.
-    """
+    """A run whose state is rows of numbers, those after each control period unless an engine defines another."""
 
     fields: ClassVar[np.dtype[np.void]] = ROBOT
     """Type of a robot's row, with all the fields that the engine needs."""
@@ -115,11 +97,7 @@ class KernelRun(ABC):
         give_each(self.swarm, self.scenario, self.setup, seed, run)
 
     def advance(self, until: int, sink: Sink) -> None:
-        """Simulate up to the tick ``until``, and pass the new samples on, and moves that have ended.
-
-        Moves stay in their buffer until it is more than half full; those before the oldest one under way are passed on
-        then, and all others by ``finish``.
-        """
+        """Simulate up to the tick ``until``, and pass on new samples, and moves that have ended."""
         while self.tick < until:
             record = self.record
             if self.tick > 0:
@@ -139,10 +117,7 @@ class KernelRun(ABC):
                 self.record = record._replace(moves=rest)
 
     def to_sample(self, until: int, sink: Sink) -> bool:
-        """Advance until just after the next control period in which a robot samples, or to the tick ``until``.
-
-        Returns: whether any robot sampled. If so, it sampled in the last control period before the new ``tick``.
-        """
+        """Advance just beyond the next period in which a robot samples, or to ``until``; return whether any sampled."""
         sampled = False
 
         def take_samples(rows: NDArray[np.void]) -> None:
@@ -156,10 +131,7 @@ class KernelRun(ABC):
         return sampled
 
     def moves_since(self, tick: int) -> NDArray[np.void]:
-        """Return a copy of the moves in the buffer that ended at ``tick`` or later, and of those under way.
-
-        The latter are as if they ended now. Rows are ``MOVE_ROW``, sorted by start and robot.
-        """
+        """Return a copy of the moves in the buffer that ended at ``tick`` or later, and of those under way."""
         place = self.record.under_way["place"]
         rows = joined([self.record.moves[: self.record.filled[1]]])
         if rows.size > 0:
@@ -179,22 +151,11 @@ class KernelRun(ABC):
 
     @property
     def stop_ticks(self) -> NDArray[np.int64]:
-        """Tick since which each robot stands and does not hear, (robots,); -1: it moves, or has failed but still hears.
-
-        For a failed robot that hears, ``control_step.fail`` sets -1 in its row.
-        """
+        """Tick since which each robot stands and does not hear, (robots,); -1: it moves, or still hears."""
         return np.where(self.swarm["mode"] == STOP, self.swarm["stop_tick"], -1)
 
     def steer(self, robot: int, turn_deg: float = math.nan, drive_ms: float = math.nan) -> None:
-        """Set the next turn and leg of a robot that has just sampled (``robot.walk.steered``).
-
-        Args:
-            robot: a robot that sampled in the last control period before ``tick``.
-            turn_deg: angle to turn first, anticlockwise positive; nan: go on with what the stop interrupted.
-            drive_ms: duration of the leg after that; nan: the duration drawn at random.
-        Raises:
-            InputError: the robot does not stand after a sample, or an angle or a duration is out of range.
-        """
+        """Set the next turn and leg of a robot that has just sampled (``robot.walk.steered``)."""
         robot = whole_number_of(robot, "robot", 0, self.swarm.size - 1)
         if abs(turn_deg) > MAX_TURN_DEG:
             raise InputError(f"{turn_deg!r} is not an angle up to {MAX_TURN_DEG:g} deg", field="turn_deg")

@@ -1,7 +1,4 @@
-"""Tables of motion: their columns, the rows that sources give, and how rows become tables.
-
-Rows hold times in ticks (control periods); tables hold them in s. What tables mean is described in ``source``.
-"""
+"""Tables of motion (``source`` describes them), in s; the rows that sources give, in ticks; how rows become tables."""
 
 from __future__ import annotations
 
@@ -182,7 +179,7 @@ class Collected:
 def joined(pieces: Sequence[Rows]) -> Rows:
     """Return the rows of one or more pieces, which have the same type, as one new array.
 
-    The rows are copied as bytes: NumPy copies structured rows field by field, which is many times slower.
+    They are copied as bytes: NumPy copies structured rows field by field, which is many times slower.
     """
     return np.concatenate([piece.view(np.uint8) for piece in pieces]).view(pieces[0].dtype, type(pieces[0]))
 

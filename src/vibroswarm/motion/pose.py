@@ -23,9 +23,6 @@ def poses_of(moves: pl.DataFrame, ends: pl.DataFrame, tick_ms: int) -> pl.DataFr
     Poses are exact while a robot drives or stands, and where a turn begins and ends. Within a turn the turn rate is
     taken as constant; the robot's centre moves on a circle of radius m_d turn_track / 2 (m_d: its misalignment).
     For robots that MuJoCo moves, each move is an arc fitted to the robot's path (``physics.arcs``).
-
-    Args:
-        moves, ends: see ``source``.
     """
     end_s = {(run, robot): end_s for run, robot, end_s in ends.select("run", "robot", "end_s").iter_rows()}
     parts = []

@@ -52,12 +52,7 @@ def note_move(
     y_m: float,
     heading_rad: float,
 ) -> None:
-    """End robot ``i``'s current move and begin another if the robot does something else from ``tick`` on.
-
-    Args:
-        moves, under_way, filled: see the module's text; changed.
-        swarm: the robots' rows after the step at ``tick``. x_m, y_m, heading_rad: the robot's pose at ``tick``.
-    """
+    """End robot ``i``'s current move and begin another if the robot does something else from ``tick`` on."""
     row = swarm[i]
     # One number for the mode (0 to 3), whether the robot is blocked (0 or 1), and the legs and avoidances begun. By the
     # legs and avoidances, a turn differs from another that follows it directly, and an avoidance too. A robot that
@@ -82,10 +77,7 @@ def begin_move(
     y_m: float,
     heading_rad: float,
 ) -> None:
-    """End robot ``i``'s current move, if it has one, and begin a new one; arguments as for ``note_move``.
-
-    The rows in the buffer stay sorted by tick, then robot. The buffer must have room for another row (``Record``).
-    """
+    """End robot ``i``'s current move, if it has one, and begin a new one; arguments as for ``note_move``."""
     row = swarm[i]
     if under_way[i].place >= 0:
         last = moves[under_way[i].place]
@@ -126,10 +118,8 @@ def note_moves(
 ) -> None:
     """End and begin the moves of all robots that do something else from ``tick`` on (``note_move``).
 
-    Args:
-        moves, under_way, filled: see the module's text; changed.
-        after_move: whether the robots have already moved to their poses of the next tick. Their poses at ``tick`` are
-            then those that ``control_step.contact`` saved in ``from_x_m``, ``from_y_m`` and ``from_heading_rad``.
+    If they have moved already (``after_move``), their poses at ``tick`` are in ``from_x_m``, ``from_y_m`` and
+    ``from_heading_rad``.
     """
     for i in range(swarm.size):
         row = swarm[i]
@@ -143,10 +133,7 @@ def note_moves(
 def drop_ended(
     moves: NDArray[np.void], under_way: NDArray[np.void], filled: NDArray[np.int64]
 ) -> NDArray[np.void]:
-    """Remove all rows before the oldest move under way; return the buffer, enlarged if it stays half full.
-
-    The arguments are changed in place (see the module's text). Each robot must have a move under way.
-    """
+    """Remove all rows before the oldest move under way; return the buffer, enlarged if it stays half full."""
     first, count = int(under_way["place"].min()), int(filled[1])
     rest = moves[first:count]
     larger = zero_rows(moves.size if 2 * rest.size <= moves.size else 2 * moves.size, MOVE_ROW)
@@ -177,11 +164,7 @@ class Record(NamedTuple):
 
 
 def empty_record(robots: int, moves: bool) -> Record:
-    """Return buffers for a swarm, to be emptied by ``clear``.
-
-    Args:
-        moves: whether moves are recorded. Their buffer grows when needed.
-    """
+    """Return buffers for a swarm, to be emptied by ``clear``."""
     # The buffer of moves always holds each robot's move under way. With room for 64 moves per robot, these rows take
     # only a small part of it.
     return Record(
@@ -200,7 +183,7 @@ def clear(record: Record) -> None:
 
 @inner
 def room(record: Record, robots: int) -> int:
-    """Return for how many ticks the buffers surely have room: a robot writes at most a row of each table in a tick."""
+    """Return for how many ticks the buffers surely have room: at most a row of each table per robot and tick."""
     ticks = (record.samples.size - record.filled[0]) // robots
     if record.moves.size > 0:
         ticks = min(ticks, (record.moves.size - record.filled[1]) // robots)
@@ -209,10 +192,7 @@ def room(record: Record, robots: int) -> int:
 
 @inner
 def write_sample(record: Record, swarm: Swarm, run: int, i: int, tick: int) -> None:
-    """Write a row for the sample that robot ``i`` takes at this tick, and set its times in each mode to 0.
-
-    The robot's program has counted the sample already, so the row's number is one less.
-    """
+    """Write a row for the sample that robot ``i`` takes at this tick, and set its times in each mode to 0."""
     row = record.samples[record.filled[0]]
     record.filled[0] += 1
     row.run, row.robot, row.sample = run, i, swarm[i].samples - 1

@@ -85,10 +85,9 @@ no cost. Its fields are those of ``WalkProgram`` and:
 
 @lru_cache(maxsize=16)
 def speed_quantiles(robot: Robot) -> NDArray[np.float64]:
-    """Return the quantiles of the clipped speed factor at equally spaced probabilities, shape (SPEED_NODES + 1,).
+    """Return the quantiles of the clipped speed factor at equally spaced probabilities, (SPEED_NODES + 1,); cached.
 
-    If the scenario lists ``robot.speed_factors``, return that list instead, shape (entries,). The array is cached and
-    must not be changed.
+    If the scenario lists ``robot.speed_factors``, return that list instead.
     """
     if robot.speed_factors is not None:
         return np.array(robot.speed_factors, dtype=np.float64)
@@ -99,7 +98,7 @@ def speed_quantiles(robot: Robot) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=16)
 def _gamma_quantiles(shape: float) -> NDArray[np.float64]:
-    """Return the quantiles of a Gamma distribution of scale 1, which take nearly all of the time, above all in fits."""
+    """Return the quantiles of a Gamma distribution of scale 1: cached, as they take nearly all of the time in fits."""
     from scipy.special import gammaincinv
 
     probability = np.linspace(0.0, 1.0, SPEED_NODES + 1)
@@ -168,10 +167,7 @@ def setup_of(scenario: Scenario) -> Setup:
 
 
 def _row(values: Mapping[str, Any]) -> Setup:
-    """Return numbers and lists of numbers as one structured row with a field for each name.
-
-    Integers and booleans become int64, other numbers float64; a list becomes a field of its length.
-    """
+    """Return numbers as one structured row: whole ones as int64, others as float64, a list as a field of its length."""
     fields: list[tuple[Any, ...]] = []
     for name, value in values.items():
         array = np.asarray(value)
@@ -214,16 +210,13 @@ def misalignment(setup: Setup, seed: int, run: int, robot: int) -> float:
 
 @inner
 def triangular(both: float) -> float:
-    """Return a random number of mean 0 and variance 1: the sum of two uniform numbers, which is triangular, scaled.
-
-    The sum has mean 1 and variance 1/6.
-    """
+    """Return a random number of mean 0 and variance 1: the scaled sum of two uniform numbers."""
     return math.sqrt(6.0) * (both - 1.0)
 
 
 @inner
 def two_uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
-    """Return the sum of the uniform numbers of the addresses (purpose, index, peer) and (purpose, index, peer + 1)."""
+    """Return the sum of the uniform numbers at (purpose, index, peer) and (purpose, index, peer + 1)."""
     return uniform(seed, run, robot, purpose, index, peer) + uniform(
         seed, run, robot, purpose, index, peer + 1
     )
@@ -250,11 +243,7 @@ def draw_veer_shifts(
     robot: int,
     first: int,
 ) -> None:
-    """Draw by how much wander and drift change a robot's misalignment after ``first``, first + 1, ... samples.
-
-    Args:
-        shifts: (AT_ONCE,), written; 0 if the scenario has neither wander nor drift. drawn: (2, AT_ONCE), room.
-    """
+    """Draw by how much wander and drift change a robot's misalignment after ``first``, first + 1, ... samples."""
     for k in range(AT_ONCE):
         shifts[k] = 0.0
     if setup.misalignment_wander > 0.0:
@@ -279,12 +268,7 @@ def draw_veer_shifts(
 
 @kernel
 def begin_veer(swarm: NDArray[np.void], setup: Setup, run_spread: float, seed: int, run: int) -> None:
-    """Add to each robot's misalignment its spread in this run, and its wander and drift until the first sample.
-
-    Args:
-        swarm: (robots,), as ``control_step.begin`` left it; changed. run_spread: standard deviation of the spread; 0:
-            none.
-    """
+    """Add to each robot's misalignment its spread in this run, and its wander and drift until the first sample."""
     for i in range(swarm.size):
         row = swarm[i]
         if run_spread > 0.0:
@@ -303,11 +287,7 @@ def draw_speed_factors(
     robot: int,
     first: int,
 ) -> None:
-    """Draw a robot's speed factors s_d after ``first``, first + 1, ..., first + AT_ONCE - 1 samples.
-
-    Args:
-        factors: (AT_ONCE,), written. drawn: (2, AT_ONCE), room. speeds: ``speed_quantiles``.
-    """
+    """Draw a robot's speed factors s_d after ``first``, first + 1, ..., first + AT_ONCE - 1 samples."""
     if setup.speed_each:
         factors[:] = speeds[robot % speeds.size]  # the list repeats if there are more robots than entries
     else:
@@ -345,14 +325,7 @@ def clipped(setup: Setup, factor: float) -> float:
 
 
 def give_each(swarm: NDArray[np.void], scenario: Scenario, setup: Setup, seed: int, run: int) -> None:
-    """Set the ticks at which robots fail, misalignments and ray starts that the scenario lists per robot, and the veer.
-
-    A list that is shorter than the swarm is repeated; of a longer one, the rest is not used. Listed speed factors are
-    not set here: they replace the quantiles that speed factors are drawn from (``speed_quantiles``).
-
-    Args:
-        swarm: (robots,), as ``control_step.begin`` left it; changed. setup: ``setup_of(scenario)``.
-    """
+    """Set failures, misalignments and ray starts listed per robot, and the veer; short lists are repeated."""
     if scenario.faults.any_of_motion:
         tick_ms = scenario.run.control_period_ms
         # Time from which each robot of this run stands for good, and from which its battery is empty, s; inf: never.

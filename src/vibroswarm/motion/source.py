@@ -47,7 +47,7 @@ from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError, shown
 from vibroswarm.motion.motion_tables import Collected, Failure, Motion, Rows, Sink
 from vibroswarm.scenario import plugins
-from vibroswarm.scenario.fault_fields import MOTION_FAULTS
+from vibroswarm.scenario.disturbance_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
 
 PIECE_S = 100.0
@@ -101,11 +101,7 @@ class Source:
 
 
 def started(motion: str | Source, scenario: Scenario, moves: bool = False) -> MotionState:
-    """Return what simulates runs of a scenario by a source, given by its name or itself.
-
-    Raises:
-        InputError: there is no such source, its file is not loaded, or it is not ours and robots stop for good.
-    """
+    """Return what simulates runs of a scenario by a source, given by its name or itself."""
     found = motion if isinstance(motion, Source) else source(motion)
     for kind in () if found.is_ours else MOTION_FAULTS:
         if getattr(scenario.faults, kind):
@@ -126,13 +122,7 @@ def moved(
     progress: Callable[[float], None] | None = None,
     until: Sequence[int] | None = None,
 ) -> Motion:
-    """Simulate the motion of runs by the source ``motion``.
-
-    Args:
-        runs: run numbers, at least one. moves: whether the table of moves is wanted.
-        progress: called with the share that is done.
-        until: tick up to which each run is simulated; by default the end of the scenario.
-    """
+    """Simulate the motion of runs by the source ``motion``, up to the tick ``until`` or the end of the scenario."""
     state, rows = started(motion, scenario, moves), Collected(scenario.run.control_period_ms)
     piece = scenario.ticks if progress is None else max(1, int(PIECE_S / scenario.tick_s))
     with errors_in(motion.code if isinstance(motion, Source) else source(motion).code):

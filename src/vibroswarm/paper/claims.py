@@ -117,12 +117,7 @@ def mean(
     apart: float = math.nan,
     cannot: str = "",
 ) -> Value:
-    """Return the mean over runs, minus ``less``.
-
-    Args:
-        by_run: nan is left out. published_error: standard error of ``less``.
-        apart: by how much runs can differ; nan: unknown.
-    """
+    """Return the mean over runs, minus ``less``."""
     limits = partial(_mean_limits, by_run - less, published_error, apart)
     found = mean_interval(by_run - less)
     return Value(claim, column, cell, found.estimate, found.n, limits, cannot)
@@ -165,13 +160,7 @@ class Decided:
 
 
 def decide(measured: Sequence[Value], claims: Sequence[Claim] | None = None) -> list[Decided]:
-    """Decide all claims in all columns in which they were measured, by column and claim.
-
-    The level does not depend on which claims were measured.
-
-    Raises:
-        ValueError: a claim has another number of values than it says.
-    """
+    """Decide all claims in all columns in which they were measured, by column and claim."""
     decided = []
     for column in COLUMNS:
         of_column = [claim for claim in claims or all_claims() if column in claim.columns]

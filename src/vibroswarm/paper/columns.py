@@ -1,10 +1,7 @@
 """Read the paper's own numbers, and make the scenarios of the columns of the reproduction.
 
 ``published.json`` holds the paper's numbers, printed or read off its figures: the only numbers that were typed in. A
-column is a preset; its scenarios have the optimised parameters P* or the empirical parameters P0.
-
-The recordings of real robots (``read_recordings``) are three sessions of five robots on one floor (``world.txt``);
-three logs of the authors' simulator belong to them.
+column is a preset, with the optimised parameters P* or the empirical parameters P0.
 """
 
 from __future__ import annotations
@@ -36,18 +33,11 @@ FIELDS: Final = {
 
 @cache
 def _all() -> Any:
-    """Return the contents of ``published.json``."""
     return json.loads(files("vibroswarm.paper").joinpath("published.json").read_text(encoding="utf-8"))
 
 
 def published(path: str) -> Any:
-    """Return the value (a number, list or table) under a dotted name of ``published.json``.
-
-    An example of a name is ``simulation.fill_ratios``.
-
-    Raises:
-        InputError: there is no such name.
-    """
+    """Return the value (a number, list or table) under a dotted name of ``published.json``."""
     node = _all()
     for name in path.split("."):
         if not isinstance(node, dict) or name not in node:
@@ -76,21 +66,13 @@ RECORDED_ROBOTS: Final = 5
 def scenario_of(
     column: str, values: dict[str, Any] | None = None, *, parameter_set: str = OPTIMISED
 ) -> Scenario:
-    """Return the scenario of a column.
-
-    Args:
-        column: one of ``COLUMNS``. values: fields to set, by dotted name; they override those of P0.
-        parameter_set: ``OPTIMISED`` (P*, which the presets have) or ``EMPIRICAL`` (P0).
-    """
+    """Return the scenario of a column."""
     fields = parameters("P0") if parameter_set == EMPIRICAL else {}
     return adapted(column, preset(column).with_values(fields | (values or {})))
 
 
 def adapted(column: str, scenario: Scenario) -> Scenario:
-    """Return a scenario of `calibrated` with a loss of messages that grows with the swarm, unless it sets its own.
-
-    The preset's share is that of the recorded swarm. The law is not fitted to swarms larger than ``MOST``.
-    """
+    """Return a scenario of `calibrated` with a loss of messages that grows with the swarm, unless it sets its own."""
     is_larger = RECORDED_ROBOTS < scenario.swarm.robots <= MOST
     if column == "calibrated" and is_larger and scenario.network == preset(column).network:
         return scenario.with_values({"network.name": "loss_by_size"})
@@ -132,10 +114,6 @@ def missing_in(folder: Path | None) -> str:
 
 
 def read_recordings(folder: Path, names: tuple[str, ...]) -> Recording:
-    """Read the logs with these file names as one recording, in which each log is a session (run).
-
-    The files must exist, see ``missing``. Fields of the recording's scenario that neither the logs nor the floor
-    determine have the values of preset ``paper``.
-    """
+    """Read the logs with these file names as one recording, in which each log is a session (run)."""
     floor = Floor.filling(read_tiles(folder / FLOOR, SIZE), name=FLOOR)
     return recording_of([read_log(folder / name) for name in names], floor, preset("paper"))

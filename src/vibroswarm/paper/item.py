@@ -22,16 +22,16 @@ from vibroswarm.plots import Picture, draw_error_bars
 from vibroswarm.statistics.figures import BY_NAME
 
 FUNCTIONS: Final = {
-    "difficulty": "difficulty",
-    "calibration": "calibration",
-    "search": "search",
-    "experiments": "experiments",
-    "example-run": "example_run",
-    "side-claims": "side_claims",
-    "sharing": "sharing",
-    "experiments-beside": "experiments_beside",
+    "difficulty": "difficulty:compute",
+    "calibration": "calibration:compute",
+    "search": "search:compute",
+    "experiments": "experiments:compute",
+    "example-run": "paths:example_run",
+    "side-claims": "paths:corners",
+    "sharing": "search:sharing",
+    "experiments-beside": "experiments:beside",
 }
-"""Module, with a function ``compute``, of items that are more than figures of cells."""
+"""Module and function of items that are more than figures of cells."""
 
 
 @dataclass(frozen=True)
@@ -115,11 +115,7 @@ def all_items() -> tuple[Item, ...]:
 
 
 def items_named(names: list[str] | None) -> tuple[Item, ...]:
-    """Return the items with these names, in the paper's order; all items if ``names`` is None.
-
-    Raises:
-        InputError: a name is not the name of an item.
-    """
+    """Return the items with these names, in the paper's order; all items if ``names`` is None."""
     for name in names or ():
         check_choice(name, "--only", [item.name for item in all_items()])
     return tuple(item for item in all_items() if names is None or item.name in names)
@@ -145,7 +141,8 @@ def make(item: Item, work: Work) -> Made:
                 if (study, column) in work.cells:
                     made.values += work.cells[study, column].measure(claim)
     if item.name in FUNCTIONS:
-        import_module(f"vibroswarm.paper.items.{FUNCTIONS[item.name]}").compute(work, made)
+        module, _, function = FUNCTIONS[item.name].partition(":")
+        getattr(import_module(f"vibroswarm.paper.items.{module}"), function)(work, made)
     return made
 
 

@@ -44,11 +44,7 @@ def reproduce(
     items: Sequence[Item] | None = None,
     progress: Callable[[StudyProgress], None] = lambda now: None,
 ) -> Reproduction:
-    """Run what a folder does not hold yet, and compute items.
-
-    Args:
-        folder: of all runs. items: None: all. progress: called as runs finish.
-    """
+    """Run what a folder does not hold yet, and compute items."""
     items, folder = all_items() if items is None else items, Path(folder)
     skipped = {item.name: _skipped(item, settings) for item in items}
     wanted = dict.fromkeys(

@@ -1,9 +1,4 @@
-"""Curves: cumulative incidence, detection.
-
-* Cumulative incidence: right decisions rise from the middle line, wrong ones fall from it; the rest is undecided.
-* Detection: probability of missing a floor (no right consensus by the horizon) over its fill ratio, for each horizon or
-  number of robots.
-"""
+"""Curves: decided right and wrong over time; probability of missing a floor over its fill ratio; spectra."""
 
 from __future__ import annotations
 
@@ -11,7 +6,7 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.core.numbers import stated_percent
+from vibroswarm.core.numbers import count, stated_percent
 from vibroswarm.plots.error_bars import draw_along, series_handle
 from vibroswarm.plots.inputs import most, run_counts, tidy, with_series
 from vibroswarm.plots.layout import (
@@ -41,22 +36,7 @@ def draw_incidence(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw the share of runs decided right (upwards) and wrong (downwards) by each time, as steps.
-
-    Args:
-        frame: one row per time with the columns ``time_s`` and ``right, wrong`` (shares so far, 0 to 1), if known their
-            limits ``right_low, right_high, wrong_low, wrong_high``, and for several curves ``series`` (text). Each
-            share holds from its time to the next.
-        runs: number of runs, for the caption. unit: what is counted, "run" or "robot".
-        interval: what the limits are, for the caption.
-        t_end: time to which the curves are continued level, s; None, or an earlier time: the last time of the frame.
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are the columns of the frame, at the times that are drawn: at most ``STEPS_UP_TO``
-        for each series.
-    Raises:
-        InputError: the frame is not as described.
-    """
+    """Draw the share of runs decided right (upwards) and wrong (downwards) over time, as steps, up to ``t_end``, s."""
     sizes = style_named(style)
     frame, series = with_series(tidy(frame, numbers=("time_s", "right", "wrong"), optional=LIMITS))
     figure, axes = plain_axes(sizes, "time (s)", f"share of {unit}s decided", title=title)
@@ -96,11 +76,6 @@ def thinned(part: pl.DataFrame, up_to: int = STEPS_UP_TO) -> pl.DataFrame:
 
 
 def _incidence(axes: Any, part: pl.DataFrame, look: Look | None, end: float) -> None:
-    """Draw the steps of right (upwards) and wrong decisions (downwards) of one series up to ``end``, with bands.
-
-    Args:
-        look: of the series; None: the colours of the outcomes.
-    """
     times = [*part["time_s"], end]
     for kind, sign, line in (("right", 1.0, "-"), ("wrong", -1.0, (0, (4, 1.5)))):
         colour = look.colour if look else OUTCOMES[kind]
@@ -127,22 +102,7 @@ def draw_detection(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw the probability of missing a floor over its fill ratio, with a curve for each horizon or number of robots.
-
-    Args:
-        frame: one row per mark with the columns ``fill_ratio`` and ``missed, low, high`` (0 to 1; null: no value), for
-            several curves ``series`` (text, such as "600 s" or "10 robots"), and if known ``runs``.
-        label: of the probability. x_label: of the fill ratio.
-        boundary: the decision boundary, drawn as a vertical line. tolerated: a probability that is tolerated, drawn as
-            a horizontal line. None: no line.
-        interval: what low and high are, for the caption. log: whether the fill ratio is drawn logarithmically.
-        percent: whether fill ratios are written in percent, as probabilities always are.
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``fill_ratio, series, missed, low, high, runs``.
-    Raises:
-        InputError: the frame is not as described.
-    """
+    """Draw the probability of missing a floor over its fill ratio, a curve for each horizon or number of robots."""
     frame = tidy(frame, numbers=("fill_ratio", "missed", "low", "high"), optional=("runs",))
     frame, series = with_series(frame)
     along = frame.rename({"fill_ratio": "x", "missed": "estimate"})
@@ -166,3 +126,39 @@ def draw_detection(
     caption = f"{label} over {x_label}: estimate and {interval}" + (f" over {of_runs(runs)}" if runs else "")
     numbers = frame.select("fill_ratio", "series", "missed", "low", "high", "runs")
     return Picture(figure, numbers, "; ".join([caption, *lines]) + ".")
+
+
+MOST_LABELS = 6
+"""Lines whose frequency is written."""
+
+
+@drawn
+def draw_spectrum(
+    frame: pl.DataFrame,
+    lines: pl.DataFrame,
+    *,
+    label: str = "amplitude (m/s²)",
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Draw amplitudes over frequency, logarithmically, with a mark and an interval at each line."""
+    sizes = style_named(style)
+    frame, series = with_series(tidy(frame, numbers=("hz", "amplitude")))
+    figure, axes = plain_axes(sizes, "frequency (Hz)", label, title=title)
+    looks = looks_of(series)
+    for name, look in zip(series, looks, strict=True):
+        part = frame.filter(series=name).sort("hz")
+        axes.plot(part["hz"], part["amplitude"], linestyle=look.line, color=look.colour)
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, 1.6 * high)  # room for the frequencies above the lines
+    for place, row in enumerate(lines.sort("amplitude", descending=True).iter_rows(named=True)):
+        axes.axvspan(row["low"], row["high"], color=FAINT, alpha=0.4, linewidth=0)
+        if place < MOST_LABELS:
+            at = (row["hz"], row["amplitude"])
+            axes.annotate(number(row["hz"], 4), at, ha="center", va="bottom", fontsize="small")
+    if len(series) > 1:
+        legend_below(figure, sizes, [series_handle(look, mark=False) for look in looks], series)
+    bands = f"; bands: 95 % intervals of {count(lines.height, 'line')}" if lines.height else ""
+    caption = f"Amplitude of sines in the readings over frequency{bands}."
+    return Picture(figure, frame.select("series", "hz", "amplitude"), caption)

@@ -1,7 +1,7 @@
-"""Box pictures: the distribution of a value over the runs of each cell, including undecided runs.
+"""Outcomes and values over the runs of each cell: bars of outcomes, box pictures.
 
-A run without a value is undecided. If the end of the runs is known, an undecided run counts as later than the end: a
-quantile that falls among undecided runs is drawn in a shaded band right of the end.
+The outcomes are right, wrong, split (robots differ), incomplete (one is undecided), truth undefined. In a box picture
+of known end, undecided runs count as later: a quantile among them is drawn in a band right of it.
 """
 
 from __future__ import annotations
@@ -17,9 +17,81 @@ from numpy.typing import NDArray
 from vibroswarm.core.numbers import verb
 from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import tidy, with_series
-from vibroswarm.plots.layout import Rows, legend_below, of_runs, patch_handle, rows_of, share
+from vibroswarm.plots.layout import (
+    Rows,
+    legend_below,
+    of_runs,
+    patch_handle,
+    percent_axis,
+    rows_of,
+    share,
+)
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import BAND, FAINT, INK, PAPER, Look, looks_of, row_looks, style_named
+from vibroswarm.plots.style import (
+    BAND,
+    FAINT,
+    INK,
+    OUTCOME_HATCHES,
+    OUTCOMES,
+    PAPER,
+    Look,
+    looks_of,
+    row_looks,
+    style_named,
+)
+
+
+@drawn
+def draw_outcomes(
+    frame: pl.DataFrame,
+    *,
+    interval: str = "95 % interval",
+    unit: str = "run",
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Draw one bar per cell, divided by the outcomes of its runs, with the share of right runs and its ``interval``."""
+    kinds = list(OUTCOMES)
+    frame = tidy(frame, texts=("cell",), optional=(*kinds, "right_low", "right_high"))
+    frame = frame.with_columns(pl.col(kinds).fill_null(0.0)).with_columns(runs=pl.sum_horizontal(kinds))
+    seen = [kind for kind in kinds if frame[kind].sum() > 0] or kinds[:1]
+    shares = frame.with_columns(
+        pl.when(pl.col("runs") > 0).then(pl.col(kind) / pl.col("runs")) for kind in kinds
+    )
+    rows = rows_of(style_named(style), frame["cell"].to_list(), f"share of {unit}s", title=title)
+    for row, values in enumerate(shares.to_dicts()):
+        _bar(rows, row, values, seen, unit)
+    rows.axes.set_xlim(0, 1)
+    percent_axis(rows.axes.xaxis)
+    looks = [Look(OUTCOMES[kind], "", (0, ()), OUTCOME_HATCHES[kind], hollow=False) for kind in seen]
+    words = {"incomplete": "undecided", "truth_undefined": "truth undefined"}
+    names = [f"{words.get(kind, kind)}{'' if unit == 'run' else f' ({unit}s)'}" for kind in seen]
+    legend_below(rows.figure, rows.style, [patch_handle(look) for look in looks], names)
+    caption = f"What became of the {unit}s, by cell: {of_runs([int(runs) for runs in frame['runs']], unit)}."
+    if frame["right_low"].is_not_null().any():
+        caption += f" The bracket is the {interval} of the share right."
+    numbers = shares.select("cell", pl.col("runs").cast(pl.UInt64), *kinds, "right_low", "right_high")
+    return Picture(rows.figure, numbers, caption)
+
+
+def _bar(rows: Rows, row: int, values: dict[str, Any], seen: list[str], unit: str) -> None:
+    if not values["runs"]:
+        rows.axes.text(0.5, row, f"no {unit}s", ha="center", va="center")
+        return
+    left = 0.0
+    for kind in seen:
+        looks: dict[str, Any] = {
+            "facecolor": OUTCOMES[kind],
+            "edgecolor": INK,
+            "hatch": OUTCOME_HATCHES[kind],
+        }
+        rows.axes.barh(row, values[kind], rows.band, left=left, linewidth=0.6, zorder=2, **looks)
+        left += values[kind]
+    low, high = values["right_low"], values["right_high"]
+    if low is not None and high is not None:
+        rows.axes.plot([low, high], [row, row], color=INK, marker="|", zorder=3)
+    rows.note(row, share(values["right"], 1.0))
+
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95}
 """Quantiles of a box, by the names of their columns."""
@@ -37,21 +109,7 @@ def draw_boxes(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw one box per cell and series: median, quartiles, and 5 % to 95 % of the runs.
-
-    Args:
-        frame: one row per run with the columns ``cell`` (text), ``value`` (number; null or NaN: undecided), and for
-            several boxes in a cell ``series`` (text). Cells and series are drawn in order of appearance.
-        label: of the axis, with its unit.
-        t_end: end of the runs, in the unit of the axis. Undecided runs then count as later than ``t_end``. If it is
-            None, quantiles are those of the decided runs; the share of the others is written at the right.
-        missing: word for runs without a value. title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers have one row per box: ``cell, series, runs, undecided``, and the quantiles ``q05,
-        q25, median, q75, q95`` (null: later than t_end; or, without t_end, no run is decided).
-    Raises:
-        InputError: the frame is not as described, or a value is later than ``t_end``.
-    """
+    """Draw one box per cell and series: median, quartiles, and 5 % to 95 % of the runs."""
     frame, series = with_series(tidy(frame, numbers=("value",), texts=("cell",)))
     latest: Any = frame["value"].max()
     if t_end is not None and latest is not None and latest > t_end:
@@ -100,10 +158,7 @@ def _end_band(rows: Rows, end: float | None) -> float | None:
 
 
 def quantile(values: NDArray[np.float64], q: float, size: int) -> float | None:
-    """Return a quantile of ``size`` runs, of which those beyond ``values`` (sorted) are later than all others.
-
-    It is interpolated linearly between neighbouring runs; None if one of them has no value.
-    """
+    """Return a quantile of ``size`` runs, of which those beyond ``values`` (sorted) are later than all others."""
     place = q * (size - 1)
     low, high = math.floor(place), math.ceil(place)
     if size == 0 or high >= values.size:

@@ -1,8 +1,4 @@
-"""Error-bar pictures: estimates with their intervals, along a number or cell by cell.
-
-A frame with a column ``series`` draws several curves or several marks per row; without it there is one series with an
-empty name.
-"""
+"""Error-bar pictures: estimates with their intervals, along a number or cell by cell."""
 
 from __future__ import annotations
 
@@ -40,22 +36,7 @@ def draw_error_bars(
 ) -> Picture:
     """Draw estimates with intervals: over a numeric x as points joined by lines, over names as one row each.
 
-    Args:
-        frame: one row per mark with the columns ``x`` (number or text) and ``estimate, low, high`` (null: no value),
-            for several series ``series`` (text), and if known ``runs``.
-        x_label: of x, with its unit; above the names of rows. label: of the estimate, with its unit.
-        interval: what low and high are, for the caption, such as "95 % Wilson interval".
-        log: whether a numeric x is drawn logarithmically.
-        percent: whether estimates are shares, written in percent.
-        spans: whether low and high are a range (such as that of several settings) instead of an interval of the
-            estimate. Then bands are drawn instead of bars.
-        constant: names of the series that do not depend on a numeric x: each is a level line with a band, with its
-            values at the least x at which it has an estimate.
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``x, series, estimate, low, high, runs``.
-    Raises:
-        InputError: the frame is not as described.
+    ``spans``: low and high are a range, drawn as a band. ``constant``: series that do not depend on x.
     """
     sizes, numeric = style_named(style), "x" in frame.columns and frame.schema["x"].is_numeric()
     numbers = ("estimate", "low", "high")
@@ -140,7 +121,6 @@ def _curve(axes: Any, part: pl.DataFrame, look: Look, shift: float, *, log: bool
 
 
 def _level(axes: Any, row: pl.DataFrame, look: Look) -> None:
-    """Draw a series that does not depend on x as a line and a band across the picture."""
     for estimate, low, high in row.select("estimate", "low", "high").iter_rows():
         axes.axhline(estimate, color=look.colour, linestyle=look.line, zorder=2.2)
         if None not in (low, high):
@@ -166,7 +146,6 @@ def _rows(
     spans: bool,
     title: str,
 ) -> Any:
-    """Draw the figure with one row for each name in ``x``."""
     names = frame["x"].unique(maintain_order=True).to_list()
     looks, of_rows = looks_of(series), row_looks(names) if len(series) == 1 else {}
     rows = rows_of(style, names, labels[1], series=len(series), title=title)

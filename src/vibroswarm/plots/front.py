@@ -1,7 +1,4 @@
-"""Time against error of several choices, and their Pareto front: the choices that no other one dominates.
-
-A choice dominates another if it is at least as good in time and error, and better in one of them; less is better.
-"""
+"""Time against error of several choices, and their Pareto front: the choices that no other one dominates."""
 
 from __future__ import annotations
 
@@ -35,24 +32,7 @@ def draw_front(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw time and error of each choice; those on a front have full marks and are joined by steps.
-
-    A choice is on the front if no other choice is at least as good in both time and error, and better in one of them.
-    Only the estimates are compared: where intervals overlap, it is not certain which choice is better.
-
-    Args:
-        frame: one row per choice with the columns ``name`` (text) and ``time, error`` (less is better; a choice with
-            null is not drawn, only counted in the caption), if known ``time_low, time_high, error_low, error_high`` and
-            ``runs``, and optionally ``front`` (whether it is on the front).
-        series: a column, such as "strategy.name"; each of its values has a front, colour and marker of its own.
-        time_label, error_label: with their units. interval: what low and high are, for the caption.
-        percent: whether errors are shares, written in percent.
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are the columns named above with ``front``.
-    Raises:
-        InputError: the frame is not as described.
-    """
+    """Draw time and error of each choice; those on a front have full marks and are joined by steps."""
     limits = ("time_low", "time_high", "error_low", "error_high", "runs")
     sizes = style_named(style)
     frame = tidy(
@@ -94,7 +74,6 @@ def _with_front(part: pl.DataFrame) -> pl.DataFrame:
 
 
 def _points(axes: Any, part: pl.DataFrame, look: Look) -> Any:
-    """Draw the points of a series, their intervals and the steps of its front; return the marks of the front."""
     handle = None
     for front in (False, True):
         of_kind = part.filter(front=front)

@@ -1,7 +1,9 @@
-"""Heat maps of one value over two fields, and the density of samples over the floor."""
+"""Heat maps of a value over two fields, of the density of samples, and of the probability of damage on a surface."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +16,7 @@ from vibroswarm.floors.floor import as_tiles
 from vibroswarm.plots.inputs import run_counts, tidy
 from vibroswarm.plots.layout import few_ticks, new_figure, number, of_runs, percent_axis, to_scale
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import COLOUR_MAP, FAINT, ON_DARK, ON_LIGHT, PAPER, Style, style_named
+from vibroswarm.plots.style import COLOUR_MAP, FAINT, INK, ON_DARK, ON_LIGHT, PAPER, Style, style_named
 
 VECTORS_UP_TO: Final = 2500
 """Most cells drawn as vectors in SVG and PDF; more are drawn as an image."""
@@ -35,20 +37,7 @@ def draw_heat(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw one cell for each pair of x and y, coloured by its value; y grows upwards.
-
-    Args:
-        frame: one row per cell with the columns ``x`` and ``y`` (numbers, which are sorted, or text, in order of
-            appearance), ``value`` (null: no value), and if known ``runs``. Cells without value or row are hatched.
-        x_label, y_label, label: of x, y and the value, with their units.
-        best: which value is best, "low" or "high": cells with this value are outlined. None: no cell is.
-        digits: significant digits of the numbers in the cells. percent: whether values are shares.
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``x, y, value, runs, best`` (whether outlined).
-    Raises:
-        InputError: the frame is not as described.
-    """
+    """Draw one cell for each pair of x and y, coloured by its value; y grows upwards."""
     sizes = style_named(style)
     frame = tidy(frame, numbers=("value",), optional=("runs",))
     xs, ys = (_order(frame[name]) for name in ("x", "y"))
@@ -106,7 +95,6 @@ def best_cells(grid: NDArray[np.float64], best: str | None) -> NDArray[np.bool_]
 
 
 def _draw_grid(axes: Any, grid: NDArray[np.float64], chosen: NDArray[np.bool_], style: Style) -> Any:
-    """Draw the cells of a map, row 0 at the bottom, hatched where they have no value; outline chosen ones."""
     from matplotlib.patches import Rectangle
 
     rows, columns = grid.shape
@@ -131,7 +119,6 @@ def _draw_grid(axes: Any, grid: NDArray[np.float64], chosen: NDArray[np.bool_], 
 
 
 def _write_numbers(axes: Any, grid: NDArray[np.float64], digits: int) -> None:
-    """Write the values into the cells, light on dark colours and dark on light ones."""
     decimals, low, high = (
         decimals_of(grid.flat, digits),
         np.nanmin(grid, initial=np.inf),
@@ -167,24 +154,7 @@ def draw_density(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw the density of samples (samples per area) over the arena, with the borders of vibrating tiles on top.
-
-    The density is relative to that of uniform sampling, which is 1 everywhere.
-
-    Args:
-        frame: one row per sample with the columns ``x_m, y_m``; or one row per place, with the number of samples there
-            in ``count``.
-        width_m, height_m: of the arena. bins: number of bins along the longer side; bins are nearly square.
-        tiles: (rows, columns), 1 vibrating and 0 still, row 0 at the top; None: no tiles are drawn.
-        tile_size_m: width and height of a tile; None: the tiles fill the arena.
-        corner_m: lower left corner of the floor in the arena.
-        highest: density at the upper end of the colours; None: the highest density of a bin.
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``x_low_m, x_high_m, y_low_m, y_high_m, count, density``.
-    Raises:
-        InputError: the frame is not as described, or has no sample in the arena.
-    """
+    """Draw the density of samples over the arena, relative to uniform sampling, with the borders of vibrating tiles."""
     sizes = style_named(style)
     frame = tidy(frame, numbers=("x_m", "y_m"), optional=("count",))
     x, y = frame["x_m"].to_numpy(), frame["y_m"].to_numpy()
@@ -230,7 +200,6 @@ def _draw_borders(
     corner_m: tuple[float, float],
     arena_m: tuple[float, float],
 ) -> None:
-    """Draw double lines between tiles of different kinds, and a dot in each tile that is not still."""
     from matplotlib.collections import LineCollection
 
     rows, columns = tiles.shape
@@ -243,3 +212,51 @@ def _draw_borders(
         axes.add_collection(LineCollection(list(lines), colors=colour, linewidths=width))
     centres = (np.argwhere(tiles[::-1] > 0)[:, ::-1] + 0.5) * size + corner_m
     axes.plot(*centres.T, ls="", marker="o", markersize=3, markerfacecolor=ON_DARK, markeredgecolor=ON_LIGHT)
+
+
+@drawn
+def draw_certainty(
+    probability: NDArray[np.float64],
+    size_m: tuple[float, float],
+    places_m: NDArray[np.float64],
+    *,
+    marked_m: Sequence[tuple[float, float, float, float, bool]] = (),
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Draw the probability of damage, and its standard deviation with the places of the samples."""
+    from matplotlib.patches import Ellipse, Rectangle
+
+    sizes = style_named(style)
+    figure = new_figure(sizes, title=title)
+    doubt = np.sqrt(probability * (1.0 - probability))
+    panels: Any = figure.subplots(1, 2)
+    shown = (("probability", probability, 1.0), ("standard deviation", doubt, 0.5))
+    for axes, (name, values, most) in zip(panels, shown, strict=True):
+        image = _image(axes, values, size_m, most)
+        axes.set_xlabel("x (m)")
+        few_ticks(axes.xaxis, sizes)
+        figure.colorbar(image, ax=axes, location="top", pad=0.03, label=name)
+    panels[0].set_ylabel("y (m)")
+    # Places outside the surface must not make this map smaller than the one beside it.
+    panels[1].plot(
+        *places_m.T, ls="", marker=".", ms=1.2, color=PAPER, markeredgecolor=INK, mew=0.15, rasterized=True,
+        scalex=False, scaley=False,
+    )  # fmt: skip
+    for axes, (left, bottom, width, height, is_disc) in product(panels, marked_m):
+        for line in ({"edgecolor": PAPER, "lw": 1.6}, {"edgecolor": INK, "lw": 0.8, "ls": "--"}):
+            centre = (left + 0.5 * width, bottom + 0.5 * height)
+            outline = Ellipse(centre, width, height) if is_disc else Rectangle((left, bottom), width, height)
+            outline.set(fill=False, **line)
+            axes.add_patch(outline)
+    to_scale(figure, sizes, panels[:1], size_m[1] / size_m[0])
+    row, column = (index.ravel() for index in np.indices(probability.shape))
+    cells = {"probability": probability.ravel(), "standard_deviation": doubt.ravel()}
+    caption = "Left: probability of damage. Right: its standard deviation, and the places of the samples."
+    caption = f"{caption} Outlined: called patches." if marked_m else caption
+    return Picture(figure, pl.DataFrame({"row": row, "column": column, **cells}), caption)
+
+
+def _image(axes: Any, values: NDArray[np.float64], size_m: tuple[float, float], most: float) -> Any:
+    extent = (0.0, size_m[0], 0.0, size_m[1])
+    return axes.imshow(values, cmap=COLOUR_MAP, vmin=0.0, vmax=most, extent=extent, interpolation="nearest")

@@ -16,13 +16,7 @@ def tidy(
     texts: Sequence[str] = (),
     optional: Sequence[str] = (),
 ) -> pl.DataFrame:
-    """Return a frame whose columns of numbers are Float64 (nan is null) and whose texts are texts.
-
-    Args:
-        optional: columns of numbers that are added, filled with nulls, if the frame does not have them.
-    Raises:
-        InputError: the frame is not one of polars, has no rows, or lacks a column.
-    """
+    """Return a frame whose columns of numbers are Float64 (nan is null) and whose texts are texts."""
     check_kind(frame, pl.DataFrame, "frame", "a polars data frame")
     for name in (*numbers, *texts):
         if name not in frame.columns:

@@ -63,10 +63,7 @@ UNITS: Final = {
 
 
 def label_of(field: str) -> Label:
-    """Return the label of a field, given by its full name such as ``walk.avoidance_threshold_mm``.
-
-    A field that is not in ``SYMBOLS`` gets the words of its name, and the unit of its suffix.
-    """
+    """Return the label of a field, given by its full name such as ``walk.avoidance_threshold_mm``."""
     if field in SYMBOLS:
         return SYMBOLS[field]
     name = field.rpartition(".")[2]

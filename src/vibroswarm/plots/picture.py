@@ -1,7 +1,4 @@
-"""A picture with the numbers it shows and a caption, and how it is written to files and pages.
-
-The same picture gives the same bytes each time.
-"""
+"""A picture with the numbers it shows and a caption; the same picture gives the same bytes each time."""
 
 from __future__ import annotations
 
@@ -54,15 +51,7 @@ class Picture:
         return self.svg()
 
     def write(self, path: Path | str, formats: Sequence[str] | None = None) -> list[Path]:
-        """Write the picture as ``path.svg``, ``path.pdf`` and ``path.png``, and its numbers as ``path.csv``.
-
-        A path that ends in one of these three suffixes is written in that format alone, with its numbers beside it.
-        ``formats`` selects formats instead. Existing files are replaced.
-
-        Returns: the paths of the files, the CSV last.
-        Raises:
-            InputError: an unknown format, or the folder cannot be written. RunError: the disk is full or failed.
-        """
+        """Write the picture as ``path.svg``, ``.pdf`` and ``.png``, or by the path's suffix, and its numbers as CSV."""
         path = Path(path)
         if formats is None and path.suffix in SUFFIXES:
             path, formats = path.with_suffix(""), (path.suffix[1:],)
@@ -82,10 +71,7 @@ class Picture:
 
 
 def drawn(draw: Callable[P, Picture]) -> Callable[P, Picture]:
-    """Decorate a ``draw_*`` function, so that it draws with the settings of its argument ``style``.
-
-    The decorator also begins the caption with a capital letter, unless its first word is a symbol or a name.
-    """
+    """Decorate a ``draw_*`` function, so that it draws with the settings of its argument ``style``."""
 
     @wraps(draw)
     def with_settings(*args: P.args, **kwargs: P.kwargs) -> Picture:
@@ -100,15 +86,7 @@ def drawn(draw: Callable[P, Picture]) -> Callable[P, Picture]:
 
 
 def save_figure(draw: Callable[[], Figure], path: Path, *, replace: bool = True) -> None:
-    """Draw a figure with the settings of pictures, and write it with 150 dots per inch.
-
-    Args:
-        draw: makes the figure. path: of the file, which ends in .svg, .pdf or .png.
-        replace: whether an existing file may be replaced.
-    Raises:
-        InputError: another suffix, the file exists, or its folder cannot be written.
-        RunError: the disk is full or failed.
-    """
+    """Draw a figure with the settings of pictures, and write it with 150 dots per inch."""
     kind = check_suffix(path, SUFFIXES)[1:]
     with whole_file(path, replace=replace) as part, settings():
         part.write_bytes(picture_bytes(draw(), kind, dots_per_inch=150))
@@ -128,10 +106,7 @@ _NAME_OF: Final = {colour: name for name, colour in NAMES.items()}
 
 
 def themed_svg(figure: Figure) -> str:
-    """Return the figure as SVG whose named colours are CSS variables, such as ``var(--fig-ink, #1b1e23)``.
-
-    A page may set the variables ``--fig-*`` to show the figure in dark colours.
-    """
+    """Return the figure as SVG whose named colours are CSS variables, such as ``var(--fig-ink, #1b1e23)``."""
     text = picture_bytes(figure, "svg", dots_per_inch=150).decode("utf-8")
     text = re.sub(
         r' fill="(#[0-9a-f]{6})"', r' style="fill: \1"', text

@@ -32,11 +32,7 @@ LARGEST: Final = 1e300
 
 
 def draw_run_reports(result: Result, run: int = 0, *, style: str = "column") -> Picture:
-    """Draw what the robots of a run reported over time (``draw_reports``), with the units of reports.
-
-    Raises:
-        InputError: they reported nothing, or nothing but arrays at the end.
-    """
+    """Draw what the robots of a run reported over time (``draw_reports``), with the units of reports."""
     told = reports_over_time(result, run)
     told = told.with_columns(pl.when(pl.col("value").abs() < LARGEST).then("value"))  # others cannot be drawn
     headings = report_headings(result, told["name"].unique().to_list())
@@ -54,22 +50,7 @@ def draw_reports(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw what the robots of a run reported over time.
-
-    Args:
-        frame: one row per report with the columns ``name``, ``robot``, ``time_s`` and ``value`` (null: nothing yet).
-        truth: the true number, drawn as a line in panels of ``estimates``, or pairs of a time (s), the first one 0, and
-            the number from then on; None: there is none.
-        estimates: names of the values that estimate it.
-        headings: of panels, by name; those of others are their names. title: above the picture.
-        style: "column", "page" or "slide".
-
-    Returns:
-        Picture; its numbers are ``name, robot, time_s, value``.
-
-    Raises:
-        InputError: the frame is not as described, or empty.
-    """
+    """Draw what the robots of a run reported over time."""
     frame = tidy(frame, texts=("name",), numbers=("robot", "time_s", "value"))
     every_name = frame["name"].unique(maintain_order=True).to_list()
     names = every_name[:MOST_PANELS]
@@ -99,7 +80,6 @@ def draw_reports(
 
 
 def _draw_panel(axes: Any, rows: pl.DataFrame, line_pt: float) -> None:
-    """Draw the steps of each robot's value."""
     for k, own in enumerate(rows.sort("robot", "time_s").partition_by("robot", maintain_order=True)):
         looks = {"color": SERIES[k % len(SERIES)], "ls": LINES[k % len(LINES)], "lw": line_pt * 0.7}
         axes.plot(own["time_s"].to_numpy(), own["value"].to_numpy(), drawstyle="steps-post", **looks)

@@ -1,8 +1,4 @@
-"""Pictures of floors, of one run, and of the robots' maps of a floor; all are legible in grey.
-
-The picture of a run shows the floor, the robots' paths and their samples. The picture of maps shows the map of all
-robots together, and the map of each robot by itself.
-"""
+"""Pictures of floors, of one run, and of the robots' maps of a floor; all are legible in grey."""
 
 from __future__ import annotations
 
@@ -40,11 +36,7 @@ if TYPE_CHECKING:
 
 
 def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
-    """Draw a floor as a matplotlib figure; all but still tiles are hatched, and row 0 is at the top.
-
-    Args:
-        tiles: (rows, columns) of kinds: 0 (still), 1 (vibrating) and others. title: above the floor.
-    """
+    """Draw a floor as a matplotlib figure; all but still tiles are hatched, and row 0 is at the top."""
     from matplotlib.figure import Figure
 
     rows, columns = tiles.shape
@@ -60,16 +52,7 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
 
 
 def draw_floor(path: Path | str, tiles: NDArray[np.uint8], title: str = "", *, replace: bool = False) -> None:
-    """Write a picture of a floor in the format of the path's suffix. The same floor gives the same bytes.
-
-    Args:
-        path: of the file; it ends with .png, .svg or .pdf.
-        tiles: (rows, columns) of 0 and 1.
-        title: above the floor. replace: whether an existing file may be replaced.
-    Raises:
-        InputError: another suffix, the file exists, or its folder cannot be written.
-        RunError: the disk is full or failed.
-    """
+    """Write a picture of a floor in the format of the path's suffix. The same floor gives the same bytes."""
     save_figure(lambda: floor_figure(tiles, title), Path(path), replace=replace)
 
 
@@ -80,23 +63,7 @@ VIBRATES: Final = 1
 
 
 def run_figure(result: Result, run: int = 0) -> Figure:
-    """Draw the floor, the robots' paths and samples, and the robots of one run, to scale.
-
-    Marks and words are those of the page that replays a run.
-
-    Vibrating tiles are hatched. A sample is a mark at its place: a filled diamond if it was read as vibrating, an open
-    circle if it was read as still; a misread sample is struck through. A robot is drawn where it is at the end, in the
-    shape and colour of its decision, or open if it is undecided.
-
-    The caller draws within ``style.settings``, which also colour the text and the axes: all colours have names (see
-    ``style``), so that a page may replace them by dark ones.
-
-    Args:
-        result: has the run; the floor of the run must be known. Paths are drawn only if it has poses.
-        run: number of the run.
-    Raises:
-        InputError: the result has no run of that number.
-    """
+    """Draw floor, paths, samples and robots of one run, to scale; callers draw within ``style.settings``."""
     from matplotlib.figure import Figure
 
     scenario = result.scenario
@@ -132,11 +99,6 @@ def _outcome_in_words(result: Result, run: int) -> str:
 
 
 def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
-    """Draw the tiles of a floor, all but still ones hatched by their kind, and the outline of the floor.
-
-    Args:
-        floor: does not change. labels: label of each kind of tile in the legend, of those that have one.
-    """
     from matplotlib import rc_context
     from matplotlib.colors import LinearSegmentedColormap, ListedColormap
     from matplotlib.patches import Ellipse, Rectangle
@@ -172,11 +134,7 @@ def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
 
 
 def _draw_paths(axes: Axes, result: Result, run: int) -> None:
-    """Draw the robots' paths from the start of the run.
-
-    They have ``POINTS_PER_S`` points per second; what follows the last point before the end of the run is not drawn. If
-    the result has no poses, nothing is drawn.
-    """
+    """Draw the robots' paths, with ``POINTS_PER_S`` points per second; nothing without poses."""
     if result.poses is None:
         return
     ends = result.ends.filter(run=run)
@@ -188,10 +146,6 @@ def _draw_paths(axes: Axes, result: Result, run: int) -> None:
 
 
 def _draw_samples(axes: Axes, result: Result, run: int) -> None:
-    """Draw each sample as a mark that shows what was read: vibrating or still.
-
-    A sample that was misread, so that it does not agree with its tile, is struck through.
-    """
     from matplotlib.path import Path as Outline
 
     samples = result.motion.filter(run=run).join(result.observations, on=["run", "robot", "sample"])
@@ -239,10 +193,6 @@ def _marker(kind: int) -> Any:
 
 
 def _draw_robots(axes: Axes, result: Result, run: int) -> None:
-    """Draw the robots with their numbers where they are at the end of the run.
-
-    The shape and colour of a robot show its decision. A robot whose decision is not logged is drawn as undecided.
-    """
     ends = result.ends.filter(run=run)
     decisions = dict(result.robots.filter(run=run).select("robot", "decision").iter_rows())
     # The first robot with a decision takes the label of this decision, so that the legend has each label once.
@@ -265,18 +215,7 @@ def _draw_robots(axes: Axes, result: Result, run: int) -> None:
 
 @drawn
 def draw_run(result: Result, run: int = 0, *, caption: str = "", style: str = "column") -> Picture:
-    """Draw the floor, the robots' paths and their samples in one run, to scale.
-
-    Args:
-        result: has the run; paths are drawn if it has poses. run: number of the run.
-        caption: by default, what is drawn. style: "column", "page" or "slide"; it sets the type, not the size.
-
-    Returns:
-        Picture; its numbers are ``robot, sample, x_m, y_m`` of the samples.
-
-    Raises:
-        InputError: the result has no run of that number.
-    """
+    """Draw the floor, the robots' paths and their samples in one run, to scale."""
     samples = result.motion.filter(run=run).select("robot", "sample", "x_m", "y_m")
     return Picture(run_figure(result, run), samples, caption or f"Floor, paths and samples of run {run}.")
 
@@ -294,15 +233,7 @@ def maps_figure(
     tile_m: tuple[float, float] = (1.0, 1.0),
     label: str = "belief that a tile vibrates",
 ) -> Figure:
-    """Draw the map of all robots together, then the maps of the ``MOST_MAPS`` robots with the lowest numbers.
-
-    The colour of a tile is the belief that it vibrates. A cross marks a tile that is believed to be what it is not.
-
-    Args:
-        maps: the table of ``statistics.map_figures.floor_maps``, in which the pooled map has null as its robot, and the
-            tiles of each map are sorted by row, then column. run: number of a run that the table has.
-        tile_m: width and height of a tile; maps are to scale. label: of the colours.
-    """
+    """Draw the map of all robots together, then the maps of the ``MOST_MAPS`` robots with the lowest numbers."""
     from matplotlib.figure import Figure
 
     of_run = maps.filter(run=run)

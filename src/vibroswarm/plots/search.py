@@ -28,21 +28,7 @@ def draw_search(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw the scores of a search over its iterations.
-
-    Args:
-        frame: one row per iteration with the columns ``iteration``, ``best`` (so far, as the search believes) and
-            ``mean`` (of the iteration's candidates); null: no score.
-        personal: of a particle swarm, one row per iteration and particle with the columns ``iteration``, ``particle``
-            and ``score`` (the best of the particle so far); None: not drawn.
-        label: of the score, with its unit.
-        true: score of the winner on runs that the search did not use, drawn as a level line; None: no line.
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``iteration, best, mean``.
-    Raises:
-        InputError: a frame is not as described.
-    """
+    """Draw the scores of a search over its iterations."""
     sizes = style_named(style)
     frame = tidy(frame, numbers=("iteration", "best", "mean")).sort("iteration")
     figure, axes = plain_axes(sizes, "iteration", label, title=title)
@@ -75,17 +61,7 @@ def draw_search(
 
 @drawn
 def draw_parameters(frame: pl.DataFrame, *, title: str = "", style: str = "column") -> Picture:
-    """Draw the mean of each field over the candidates of an iteration, as a fraction of the field's range.
-
-    Args:
-        frame: one row per iteration and field with the columns ``iteration``, ``share`` (the mean: 0 at the field's
-            lower bound, 1 at the upper) and, for several fields, ``series`` (the name of the field).
-        title: above the picture. style: "column", "page" or "slide".
-
-    Returns: the picture; its numbers are ``iteration, series, share``.
-    Raises:
-        InputError: the frame is not as described.
-    """
+    """Draw the mean of each field over the candidates of an iteration, as a fraction of the field's range."""
     sizes = style_named(style)
     frame, series = with_series(tidy(frame, numbers=("iteration", "share")))
     figure, axes = plain_axes(sizes, "iteration", "mean, share of its bounds", title=title)

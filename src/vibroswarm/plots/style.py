@@ -1,11 +1,7 @@
 """Colours, markers and sizes of pictures.
 
-Colours can be told apart in grey print and by colour-blind readers: those of series lie at CIE L* 17 to 76, with hues
-that keep the smallest distance between any two large, also with protanopia and deuteranopia. Every series has a marker
-and a hatch of its own, and each strategy the same look in all pictures.
-
-Every colour has a name, which ``picture.themed_svg`` writes as a CSS variable, so that a page can show a picture in
-dark colours. There are three sizes, a file each: for a journal's column, a page of two columns, and a slide.
+Colours of series lie at CIE L* 17 to 76 (grey print), as far apart as can be with protanopia and deuteranopia too.
+Every colour has a name, which ``picture.themed_svg`` writes as a CSS variable, for dark pages.
 """
 
 from __future__ import annotations
@@ -180,11 +176,7 @@ MATPLOTLIB_LOCK: Final = threading.RLock()
 
 
 def style_named(name: str) -> Style:
-    """Return the style of this name: "column", "page" or "slide".
-
-    Raises:
-        InputError: there is no such style.
-    """
+    """Return the style of this name: "column", "page" or "slide"."""
     check_choice(name, "style", STYLES)
     return STYLES[name]
 

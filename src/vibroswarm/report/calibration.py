@@ -27,11 +27,7 @@ from vibroswarm.statistics.intervals import Interval, columns_of
 
 @report.register
 def of_comparison(found: Comparison, sources: tuple[Result, Result] | None = None) -> Report:
-    """Return what the comparison of a recording with a simulation says.
-
-    Args:
-        sources: recording and simulation, to be drawn.
-    """
+    """Return what the comparison of a recording with a simulation says."""
     rows = [
         {
             "feature": WORDS[one.feature],
@@ -75,11 +71,7 @@ def of_comparison(found: Comparison, sources: tuple[Result, Result] | None = Non
 
 
 def of_figures(figures: Mapping[str, Sequence[SessionFigure]], rms_threshold: float) -> Report:
-    """Return figures of several results side by side, with 95 % intervals over sessions.
-
-    Args:
-        figures: by folder, each with all of ``FIGURES``. rms_threshold: at which error rates are.
-    """
+    """Return figures of several results side by side, with 95 % intervals over sessions."""
     rows: list[dict[str, Any]] = []
     for place, (words, scale) in enumerate(FIGURES.values()):
         row: dict[str, Any] = {"statistic": words}
@@ -96,11 +88,7 @@ def of_figures(figures: Mapping[str, Sequence[SessionFigure]], rms_threshold: fl
 
 @report.register
 def of_fit(found: Fit, judged: Sequence[Fold] = ()) -> Report:
-    """Return a fitted scenario, the estimates behind it, and how it holds for what it was not fitted to.
-
-    Args:
-        judged: the validation on each held-out session; empty: none was made.
-    """
+    """Return a fitted scenario, the estimates behind it, and how it holds for what it was not fitted to."""
     outside = [name for name, (recorded, low, high) in found.predicted.items() if not low <= recorded <= high]
     fields = [{"field": name, "value": str(value)} for name, value in found.changed.items()]
     predicted = [

@@ -1,8 +1,7 @@
 """The report of ``detect``: which fill ratios are found, by how many robots, and how soon.
 
-A floor is *missed* in a run without a right consensus. A *false alarm* is a wrong consensus on "more" on a floor below
-the boundary. A floor above the boundary is *found* at a time when its misses and the false alarms on some floor below
-are both rare enough (``statistics.detection``).
+A floor is *missed* in a run without a right consensus, a *false alarm* is a wrong consensus on "more". A floor is
+*found* when its misses and the false alarms on some floor below are both rare (``statistics.detection``).
 """
 
 from __future__ import annotations
@@ -74,11 +73,7 @@ NEEDED: Final = {
 
 
 def hardest_pairs(pairs: pl.DataFrame) -> pl.DataFrame:
-    """Select one row for each floor above the boundary and number of robots: the hardest pair that they distinguish.
-
-    Of the floors below the boundary it is the one with the highest fill ratio. If they distinguish none by the end,
-    ``time_s``, ``fill_ratio_below`` and ``fewest`` are null.
-    """
+    """Select, for each floor above the boundary and number of robots, the highest floor below that they distinguish."""
     is_found = pl.col("time_s").is_not_null()
     order = ["fill_ratio", "robots", is_found, "fill_ratio_below"]
     chosen = pairs.sort(order, descending=[False, False, True, True]).group_by(
@@ -90,7 +85,6 @@ def hardest_pairs(pairs: pl.DataFrame) -> pl.DataFrame:
 
 
 def _as_shares(frame: pl.DataFrame) -> pl.DataFrame:
-    """Rename fill ratios and shares of runs, so that they are written in percent."""
     names = ("fill_ratio", "fill_ratio_below", "missed", "wrong", "false_alarm")
     renamed = {
         f"{robots}{name}{end}": f"{robots}{name}_share{end}"
@@ -102,7 +96,7 @@ def _as_shares(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 def _needed(needed: pl.DataFrame, t_end_s: float) -> pl.DataFrame:
-    """Select misses and false alarms at the end, and times; a missing one of false alarms is that of the whole run."""
+    """Select misses and false alarms at the end, and times; a missing false alarm is that of the whole run."""
     clear = pl.when(pl.col("truth") == 0).then(pl.col("clear_until_s").fill_null(t_end_s))
     columns = (
         "fill_ratio",
@@ -119,7 +113,6 @@ def _needed(needed: pl.DataFrame, t_end_s: float) -> pl.DataFrame:
 
 
 def _answer(hardest: pl.DataFrame, detection: Detection) -> Iterator[str]:
-    """Yield a sentence for each number of robots on the fill ratio nearest to the boundary that they find."""
     scenario = detection.scenario
     boundary = stated_percent(scenario.decision.decision_boundary)
     if hardest.is_empty():
@@ -140,7 +133,7 @@ def _answer(hardest: pl.DataFrame, detection: Detection) -> Iterator[str]:
 
 
 def _figures(detection: Detection) -> Iterator[tuple[str, Figure]]:
-    """Yield misses against the fill ratio: a line a time for each number of robots, and a line a number at the end."""
+    """Yield misses against the fill ratio: a line a time for each number of robots, and a line a number."""
     curve = detection.tables["detection"].drop_nulls("missed")
     sizes = curve["robots"].unique().sort().to_list()
     for robots in sizes[:MOST_CURVES]:

@@ -1,4 +1,4 @@
-"""The reports of what is on disk: folders that commands wrote, scenarios, studies, searches, tables and floors."""
+"""The reports of what is on disk: folders that commands wrote, files, and saved runs that were simulated again."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.core.folders import kind_of
-from vibroswarm.core.numbers import count, listed
+from vibroswarm.core.numbers import count, listed, percent
 from vibroswarm.core.tables import read_frame
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
 from vibroswarm.report.report import Report, Table, report
 from vibroswarm.report.save import DATA, read
 from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.simulation import versions
+from vibroswarm.study.verify import Verified
 
 OF_SEARCH: Final = {"space", "objective", "search"}
 OF_STUDY: Final = {"grid", "zip", "list", "sobol", "runs", "until"}
@@ -38,11 +40,7 @@ def of_scenario(scenario: Scenario) -> Report:
 
 
 def of_path(path: Path) -> Report:
-    """Return the report of what a command has written, or of a file of a scenario, study, search or table.
-
-    Raises:
-        InputError: there is nothing that can be shown.
-    """
+    """Return the report of what a command has written, or of a file of a scenario, study, search or table."""
     if path.is_dir():
         return _of_folder(path)
     if path.suffix == ".toml":
@@ -54,7 +52,6 @@ def of_path(path: Path) -> Report:
 
 
 def _of_folder(folder: Path) -> Report:
-    """Return the saved report of a folder, or that of the runs in it."""
     if (folder / DATA).is_file():
         return read(folder / DATA)
     kind = kind_of(folder)
@@ -90,3 +87,21 @@ def _of_toml(path: Path) -> Report:
 
 def _text(value: Any) -> str:
     return "-" if value is None else " ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+@report.register
+def of_verified(verified: Verified) -> Report:
+    """Return how many runs came out the same, and which did not."""
+    again = verified.runs.height
+    upper = percent(verified.differing_share.high, None, digits=2)
+    answer = (
+        f"{'Verified' if verified.holds else 'NOT VERIFIED'}: {verified.same} of {count(again, 'run')} came out the "
+        f"same again, bit by bit; of all {verified.saved}, less than {upper} differ (95 %).",
+    )
+    return Report(
+        f"Runs of {verified.folder} simulated again",
+        answer,
+        {"differing": Table(verified.runs.filter(~verified.runs["same"]).drop("same"), "Differing runs")},
+        warnings=tuple(f"damaged: {path}" for path in verified.damaged),
+        made_by=versions(),
+    )

@@ -138,10 +138,7 @@ def value_of(row: Mapping[str, Any], name: str, factor: float | None = None) -> 
 
 
 def decimals_of(values: Iterable[Value]) -> int | None:
-    """Return decimals that suit numbers that stand together: two digits of the half-width, or three of the largest.
-
-    Returns: None if each number is written with decimals of its own.
-    """
+    """Return decimals for numbers that stand together: two digits of the half-width, or three of the largest."""
     known = [value for value in values if math.isfinite(value.middle)]
     halves = [(value.high - value.low) / 2 for value in known if value.has_limits and value.high > value.low]
     if not halves and all(value.middle.is_integer() for value in known):

@@ -27,10 +27,7 @@ def setting(scenario: Scenario, varied: Collection[str] = ()) -> str:
 
 
 def known_beyond(scenarios: Sequence[Scenario]) -> list[str]:
-    """Return for each scenario what its robots know that those of another do not, and what no real robot knows.
-
-    Strategies whose code is not loaded are taken to know nothing special.
-    """
+    """Return for each scenario what its robots know that those of another do not, and what no real robot knows."""
     facts = [_facts(scenario) for scenario in scenarios]
     common = set.intersection(*map(set, facts)) if facts else set()
     return [

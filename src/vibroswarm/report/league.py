@@ -70,7 +70,6 @@ def of_league(standings: Standings) -> Report:
 
 
 def _answer(league: League, fronts: pl.DataFrame, standings: pl.DataFrame) -> Iterator[str]:
-    """Yield who is fastest at which error, who guesses."""
     fastest = [
         f"at {percent(level[0], 0)} {listed(own['strategy'])} ({number(own['time_s'][0], 0)} s)"
         for level, own in fronts.filter("fastest").group_by("forced_error", maintain_order=True)

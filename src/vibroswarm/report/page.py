@@ -33,7 +33,6 @@ def page(report: Report, *, whole: bool = True) -> str:
 
 
 def _hash(script: str) -> str:
-    """Return the hash of the only script that the page's content policy allows."""
     return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
@@ -63,7 +62,6 @@ def _templates() -> Environment:
 
 
 def _csv_address(frame: pl.DataFrame) -> str:
-    """Return the address of a table as CSV in the page; empty if it is too large."""
     text = csv_bytes(frame)
     return f"data:text/csv;base64,{base64.b64encode(text).decode()}" if len(text) <= CSV_UP_TO else ""
 

@@ -1,7 +1,6 @@
 """A report: an answer of at most three sentences, warnings, tables, pictures, and how it was made.
 
-``report(result)`` makes one; each kind of result registers a function of its own. Numbers stand in tables, whose
-columns say by their names how they are written (``format``).
+``report(result)`` makes one, by a function registered for each kind of result.
 """
 
 from __future__ import annotations
@@ -82,7 +81,7 @@ KINDS: Final = {
     "vibroswarm.study.runs": "study",
     "vibroswarm.study.detection": "detection",
     "vibroswarm.scenario.scenario": "file",
-    "vibroswarm.study.verify": "verified",
+    "vibroswarm.study.verify": "file",
     "vibroswarm.search.sensitivity": "search",
     "vibroswarm.search.options": "search",
     "vibroswarm.league.play": "league",
@@ -93,7 +92,7 @@ KINDS: Final = {
     "vibroswarm.paper.reproduce": "reproduction",
     "vibroswarm.export.c_library": "export",
     "vibroswarm.lab.recordings.replay": "recording",
-    "vibroswarm.lab.recordings.spectrum": "spectrum",
+    "vibroswarm.lab.recordings.spectrum": "recording",
     "vibroswarm.lab.recordings.threshold": "recording",
 }
 """Module of a kind of report, by that of the result's class; it is imported when the first of its reports is made."""

@@ -95,7 +95,6 @@ def values_table(decided: Sequence[Decided]) -> pl.DataFrame:
 
 
 def _parts(made: Made) -> dict[str, Table | Figure]:
-    """Return pictures and tables of an item; long tables are folded."""
     title, name = f"{made.item.number}. {made.item.title}", made.item.name
     pictures = {
         key: Figure(one.draw, f"{title}: {one.title}", folded=one.folded)

@@ -1,7 +1,4 @@
-"""The report of a result: of one run, who decided what, when, how sure; of several, how their swarms decided.
-
-Names of its tables are not those of the tables of a result, which may be in the same folder.
-"""
+"""The report of a result: of one run, who decided what, when, how sure; of several, how their swarms decided."""
 
 from __future__ import annotations
 
@@ -105,7 +102,6 @@ def _of_runs(result: Result) -> Report:
 
 
 def _outcome(swarm: Verdict, scenario: Scenario) -> str:
-    """Write how a swarm ended, in the words of its task."""
     if swarm.estimated:
         true = f"the {swarm.estimated} is {number(swarm.fill_ratio, digits=4)}"
         if swarm.estimate_error is None:
@@ -126,7 +122,6 @@ def _outcome(swarm: Verdict, scenario: Scenario) -> str:
 
 
 def _robot_tables(result: Result, swarm: Verdict, run: int) -> Iterator[tuple[str, Table]]:
-    """Yield a row for each robot and, of a large swarm, a row for each decision before."""
     scenario = result.scenario
     opinion = holds_opinions(scenario)
     is_large = len(swarm.robots) > MOST_ROBOTS
@@ -182,7 +177,6 @@ def _by_decision(robots: pl.DataFrame) -> pl.DataFrame:
 
 
 def _readings(result: Result, swarm: Verdict, run: int) -> Table:
-    """Tabulate which classes robots read how often, and what is expected on this floor."""
     sensor, arena = result.scenario.sensor, result.scenario.arena
     read = result.observations.filter(run=run)["observation"].to_numpy()
     shares = np.bincount(read, minlength=sensor.readings) / max(read.size, 1)
@@ -197,7 +191,6 @@ def _readings(result: Result, swarm: Verdict, run: int) -> Table:
 
 
 def _reported(result: Result, run: int) -> Iterator[tuple[str, Table | Figure]]:
-    """Yield what each robot reported last, beside its estimate, and its reports over time."""
     reports = reports_over_time(result, run)
     last = (
         reports.filter(~pl.col("name").is_in(ESTIMATE)).group_by("robot", "name", maintain_order=True).last()
@@ -211,7 +204,6 @@ def _reported(result: Result, run: int) -> Iterator[tuple[str, Table | Figure]]:
 
 
 def _maps(result: Result, run: int) -> Iterator[tuple[str, Table | Figure]]:
-    """Yield how right answers were while the floor changed, and the maps of robots that keep some."""
     if result.scenario.change.is_given:
         yield "answers", Table(answers_in(result).filter(run=run).drop("run"), "Answers over time")
     if not keeps_floor_map(result.scenario):

@@ -43,11 +43,7 @@ def read(path: Path) -> Report:
 
 
 def save(report: Report, folder: Path, *, page: bool = True, tables: bool = True) -> None:
-    """Write a report into a folder; what is there already, as long as the report says the same, is not drawn again.
-
-    Args:
-        page: whether there is a page. tables: whether tables are files too; JSON has them all.
-    """
+    """Write a report into a folder; what is there of the same report is not drawn again."""
     make_folder(folder)
     text = json.dumps(data(report), indent=1, allow_nan=False)
     path = folder / DATA

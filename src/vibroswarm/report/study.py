@@ -75,7 +75,6 @@ def of_study(outcome: Outcome, scores: CellScores | None = None) -> Report:
 
 
 def _best(scores: CellScores) -> str:
-    """Write which cell has the lowest score, what it is on fresh runs, and how many others tie."""
     words, unit, fresh = scores.objective.words, scores.objective.unit, scores.fresh
     again = "" if fresh is None else f", {write_value(Value(*fresh[:3]), unit)} on fresh runs"
     ties = int(scores.table["best_group"].sum()) - 1
@@ -104,7 +103,6 @@ def _title(outcome: Outcome) -> str:
 
 
 def _figures(outcome: Outcome) -> list[str]:
-    """Return the figures of the cells that have values, the most important first."""
     scenarios = [one.cell.scenario for one in outcome.cells]
     asks_numbers = [scenario.task.asks_number for scenario in scenarios]
     lacks_truth = any(one.summary.swarm_right.n < one.summary.runs for one in outcome.cells)
@@ -120,7 +118,6 @@ def _figures(outcome: Outcome) -> list[str]:
 
 
 def _outcome_tables(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Table]]:
-    """Yield figures of the cells, side by side if they are few, and differences of pairs."""
     few, one_pair = len(outcome.cells) <= FEW_CELLS, len(outcome.answers) == 1
     ends = {stated(one.summary.t_end_s) for one in outcome.cells}
     whole = f"{ends.pop()} s" if len(ends) == 1 else "the whole run"
@@ -145,7 +142,6 @@ def _outcome_tables(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[st
 def _side_by_side(
     outcome: Outcome, names: Sequence[str], differences: pl.DataFrame | None, caption: str
 ) -> Table:
-    """Tabulate a row for each figure, and a column for each cell; what robots know stands in the headings."""
     cells = outcome.table.to_dicts()
     rows = [
         {
@@ -173,7 +169,6 @@ def _side_by_side(
 
 
 def _cell_by_cell(outcome: Outcome, names: Sequence[str], caption: str) -> Table:
-    """Tabulate a row for each cell: its varied values, what robots know, and the main figures."""
     shown = [
         *("swarm_right", "swarm_wrong", "robots_undecided", "decision_time_s"),
         *(*AGREED[:2], *ESTIMATES, "right_time_share", "answer_delay_s", "map_brier"),
@@ -197,7 +192,6 @@ def _answer_titles(outcome: Outcome) -> dict[str, str]:
 
 
 def _by_figure(comparisons: Iterable[Compared]) -> pl.DataFrame:
-    """Tabulate a difference for each figure of one pair."""
     rows = [
         {"figure": BY_COLUMN[one.paired.figure].name, **_difference(one), "p_holm": one.paired.p_holm}
         for one in comparisons
@@ -214,7 +208,6 @@ def _difference(one: Compared, prefix: str = "") -> dict[str, Any]:
 
 
 def _pair_by_pair(outcome: Outcome) -> pl.DataFrame:
-    """Tabulate a row for each pair, and its differences in each figure of an answer."""
     rows: list[dict[str, Any]] = []
     for one in outcome.answers:
         row: dict[str, Any] = {"name": one.pair.name}
@@ -226,7 +219,6 @@ def _pair_by_pair(outcome: Outcome) -> pl.DataFrame:
 
 
 def _folded_tables(outcome: Outcome) -> Iterator[tuple[str, Table]]:
-    """Yield all comparisons, reports, how robots sampled, what can be decided, and all figures."""
     tables = outcome.tables
     if "comparisons" in tables:
         compared = (
@@ -261,7 +253,6 @@ def _folded_tables(outcome: Outcome) -> Iterator[tuple[str, Table]]:
 
 
 def _warnings(outcome: Outcome) -> Iterator[str]:
-    """Yield what may invalidate the figures, each text once."""
     runs = outcome.runs
     missing = int((runs.cell_table["wanted"] - runs.cell_table["there"]).sum())
     if missing or outcome.without_runs:

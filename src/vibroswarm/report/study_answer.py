@@ -1,4 +1,4 @@
-"""The answer of a study: a sentence for each pair of cells or for two values in all conditions, else a line a cell."""
+"""The answer of a study: a sentence for each pair of cells or two values in all conditions, else a line a cell."""
 
 from __future__ import annotations
 
@@ -53,7 +53,6 @@ def answer(outcome: Outcome) -> tuple[str, ...]:
 
 
 def _cell_line(one: CellOutcome, row: dict[str, Any]) -> str:
-    """Write the outcomes of a cell's swarms and its decision time, or how good estimates are."""
     scenario = one.cell.scenario
     if scenario.task.asks_number:
         names = {"estimate_error": "", "estimate_coverage": "", "estimate_crps": ""}
@@ -71,7 +70,6 @@ def _cell_line(one: CellOutcome, row: dict[str, Any]) -> str:
 
 
 def _pair_sentence(one: Answer) -> str:
-    """Write in which figures a cell differs from its reference, and by how much."""
     first, second, where = one.pair.names
     effects = [effect for effect in one.effects if effect.paired.figure in EFFECTS and effect.is_defined]
     shown = [effect for effect in effects if effect.significant]
@@ -111,7 +109,6 @@ def _direction(effect: Compared) -> str:
 
 
 def _size(effect: Compared) -> str:
-    """Write a difference that is shown, without its sign."""
     form, (estimate, low, high) = (
         format_of(f"{effect.paired.figure}_difference"),
         effect.paired.difference[:3],

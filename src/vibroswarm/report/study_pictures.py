@@ -11,9 +11,8 @@ import polars as pl
 
 from vibroswarm.core.numbers import count
 from vibroswarm.inference.outcomes import CONSENSUS
-from vibroswarm.plots.comparisons import draw_outcomes
 from vibroswarm.plots.curves import draw_incidence
-from vibroswarm.plots.distributions import draw_boxes
+from vibroswarm.plots.distributions import draw_boxes, draw_outcomes
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
@@ -62,10 +61,7 @@ def pictures(outcome: Outcome) -> Iterator[tuple[str, Figure]]:
 
 
 def numeric_fields(cells: Sequence[Cell]) -> dict[str, list[float]]:
-    """Return the varied fields whose values are numbers, by cell, the one with most values first.
-
-    The floor counts by its fill ratio, as in ``random:0.48``, if all are of one pattern.
-    """
+    """Return the varied fields whose values are numbers, by cell, the one with most values first."""
     fields = {}
     for field in dict.fromkeys(name for cell in cells for name in cell.point):
         values = [cell.point.get(field) for cell in cells]
@@ -126,7 +122,6 @@ def _along(table: pl.DataFrame, field: str, x: Sequence[float], series: Sequence
 
 
 def _over_two_fields(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Figure]]:
-    """Yield maps over two fields with at least three values, for each combination of the other values."""
     cells = [one.cell for one in outcome.cells]
     fields = {name: values for name, values in numeric_fields(cells).items() if len(set(values)) > 2}
     if len(fields) != 2:
@@ -215,7 +210,6 @@ def _front(table: pl.DataFrame, cells: Sequence[int]) -> Picture:
 
 
 def _density(outcome: Outcome) -> Picture:
-    """Draw where the robots of the first cell sampled, from runs that are simulated again."""
     one = outcome.cells[0]
     runs = outcome.runs.runs_again(one.cell, AGAIN)
     result = outcome.runs.again(one.cell, runs)

@@ -107,7 +107,6 @@ def _width(columns: Sequence[Column]) -> int:
 
 
 def _column(table: TextTable, place: int, between: str) -> Column:
-    """Return a column; text may be folded, numbers may not."""
     heading, texts = table.headings[place], [_text(row[place], between) for row in table.rows]
     column = Column(heading, 0, 0, texts)
     words = max((len(word) for word in column.title.split()), default=1)

@@ -15,11 +15,7 @@ from vibroswarm.report.report import Figure, Report, Table, report
 
 @report.register
 def of_tracking(tracking: Tracking, tracked: TrackedLog | None = None) -> Report:
-    """Return what a tracking says.
-
-    Args:
-        tracked: the robots' log with positions (``track.with_positions``); None without a log.
-    """
+    """Return what a tracking says."""
     camera, markers, gaps, doubts = tracking.camera, tracking.markers, tracking.gaps(), doubts_of(tracking)
     robots, frames = list(markers.robots.values()), tracking.detections.time_s.size
     first_s, last_s = tracking.span_s

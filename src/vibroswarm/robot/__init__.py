@@ -1,5 +1,4 @@
-"""The robot's program: scalars in, scalars out; it knows only sensors, clock and radio.
+"""The robot's program, which knows only sensors, clock and radio: scalars in, scalars out, ``math``, fixed memory.
 
-The simulators step it, and C for microcontrollers is translated from it (``export``): it uses only ``math``. Uniform
-random numbers are passed in.
+The simulators step it, and C for microcontrollers is translated from it. Uniform random numbers are passed in.
 """

@@ -35,10 +35,7 @@ HALF_LOG_TAU: Final = 0.5 * math.log(2.0 * math.pi)
 
 @kernel
 def belief_below(alpha: int, beta: int, boundary: float) -> float:
-    """Return p = P(f < boundary) for f ~ Beta(alpha, beta), integers alpha, beta >= 1, 0 < boundary < 1 (Eq. 12).
-
-    The number of steps grows as sqrt(alpha + beta); the error is at most 1e-12.
-    """
+    """Return p = P(f < boundary) for f ~ Beta(alpha, beta), integers alpha, beta >= 1, 0 < boundary < 1 (Eq. 12)."""
     if alpha == beta and boundary == 0.5:
         return 0.5  # exactly, so that a robot never decides on equal counts, however low its credible threshold is
     gap = alpha - boundary * (alpha + beta)

@@ -68,11 +68,7 @@ def band_energy(band: Band, coefficient: float, taken: int) -> float:
 
 @kernel
 def transform(real: NDArray[np.float64], imaginary: NDArray[np.float64]) -> None:
-    """Replace complex numbers by their discrete Fourier transform, in place (radix 2, decimation in time).
-
-    Args:
-        real, imaginary: (points,) each; the number of points is a power of two.
-    """
+    """Replace complex numbers by their discrete Fourier transform, in place (radix 2, decimation in time)."""
     n = real.shape[0]
     j = 0
     for i in range(1, n):  # numbers in the order of their indices' reversed bits
@@ -121,12 +117,7 @@ def spectrum_peak(
     real: NDArray[np.float64],
     imaginary: NDArray[np.float64],
 ) -> Peak:
-    """Return the largest peak of the spectrum of a signal.
-
-    Args:
-        signal: readings, of which the first ``taken`` (1 or more) are used, at most as many as there are points.
-        rate_hz: readings per second. real, imaginary: (points,), overwritten.
-    """
+    """Return the largest peak of the spectrum of a signal."""
     points = real.shape[0]
     count = min(taken, points)
     for i in range(points):

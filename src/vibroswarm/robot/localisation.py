@@ -77,11 +77,8 @@ WIDEN_MOST: Final = 10.0
 def add_move(f: Mixture, i: int, with_place: bool) -> None:
     """Propagate the covariances of component ``i`` through a move: P becomes F P F', past covariances C become C F'.
 
-    F is the derivative of the new state by the old. It differs from the identity in three rows, which the caller writes
-    to the scratch ``f.rows``: row 0 holds the derivatives of the heading, row 2 those of x, row 3 those of y.
-
-    Args:
-        with_place: whether x and y change too (a drive), or only the heading (a turn in place).
+    The rows of F that differ from the identity are in ``f.rows``: row 0 the heading's derivatives, 2 those of x, 3
+    those of y.
     """
     row, covariance, cross = f.rows, f.covariances, f.past_covariances
     of_bias, of_scale = row[0, BIAS], row[0, SCALE]
@@ -124,17 +121,10 @@ def drive(
     sampled_s: float,
     at_obstacle: bool,
 ) -> None:
-    """Move all components by a drive that has ended; correct and weigh them by what is known at the end of the drive.
+    """Move all components by a drive that has ended, and correct and weigh them by what is known at its end.
 
-    It is known that the robot is inside the arena. If the drive did not end at an obstacle, and was long enough for the
-    rays to be heeded, it is also known that no ray saw a wall. A component becomes less probable if its pose is outside
-    the arena, or if a ray would have seen a wall from it. What a ray saw at an obstacle is used later, by ``obstacle``.
-    If ``program.corrects`` is false, the components are only moved.
-
-    Args:
-        duration_s: how long the robot drove. turned_rad: angle that the gyro measured during the drive. sampled_s: time
-            of the last sample. The battery slows the robot with time, but this factor is updated at samples only.
-        at_obstacle: whether the drive ended because a ray saw something.
+    The robot is inside the arena, and unless the drive ended at an obstacle, no ray saw a wall. What a ray saw is
+    used later, by ``obstacle``. If ``program.corrects`` is false, the components are only moved.
     """
     mean, covariance, row = f.means, f.covariances, f.rows
     full_m = program.full_speed_m_s * (1.0 - sampled_s / program.battery_life_s) * duration_s
@@ -208,11 +198,7 @@ def drive(
 
 @inner
 def turn(f: Mixture, program: LocalisationProgram, duration_s: float, turned_rad: float) -> None:
-    """Turn all components by a turn in place that has ended, at the end of a leg or in an avoidance, and add its noise.
-
-    Args:
-        duration_s: how long the turn took. turned_rad: angle measured by the gyro, anticlockwise positive.
-    """
+    """Turn all components by a turn in place that has ended, and add its noise."""
     walk = program.gyro_walk_rad_sqrt_s * program.gyro_walk_rad_sqrt_s * duration_s
     noise = program.turn_noise_rad * program.turn_noise_rad + walk  # variance of the measured angle
     # Variance of the place: the centre moves on a small circle.
@@ -232,9 +218,7 @@ def turn(f: Mixture, program: LocalisationProgram, duration_s: float, turned_rad
 def obstacle(f: Mixture, program: LocalisationProgram, ray_m: float, after_drive: bool) -> None:
     """Correct and weigh all components by an avoidance that began because the shortest ray had length ``ray_m``.
 
-    Args:
-        ray_m: length of the ray, m; 0 if the ray begins inside an obstacle. after_drive: whether the robot drove before
-            the avoidance. If it turned in place instead, another robot in the way is assumed to be twice as likely.
+    It is 0 if the ray begins inside an obstacle. In turns in place, another robot is assumed to be twice as likely.
     """
     if not program.corrects:
         return
@@ -258,15 +242,7 @@ def obstacle(f: Mixture, program: LocalisationProgram, ray_m: float, after_drive
 
 @inner
 def sampled(f: Mixture, program: LocalisationProgram, estimate: NDArray[np.float64]) -> None:
-    """Write the robot's estimate at a sample that it has just taken, and remember the sample's place.
-
-    The slot that holds the sample ``lag`` ago is read, and then overwritten by the new sample. The speed factor is
-    updated last, if it varies between samples.
-
-    Args:
-        estimate: (9,): overwritten by the columns of ``ESTIMATE``. For the first ``lag`` samples no sample ``lag`` ago
-            exists; the number of the lagged sample is then -1, and its place and spreads are 0.
-    """
+    """Write the robot's estimate (``ESTIMATE``) at a sample just taken, and store the sample's place."""
     number, lag = f.numbers[SAMPLES], f.past.shape[1]
     slot = number % lag
     # Indices of estimate: 0, 1 place; 2 heading; 3 spread; 4 lagged sample; 5, 6 its place; 7, 8 its spreads.
@@ -311,9 +287,7 @@ def sampled(f: Mixture, program: LocalisationProgram, estimate: NDArray[np.float
 def change_speed(f: Mixture, i: int, program: LocalisationProgram) -> None:
     """Update a component's speed factor after a sample, if the robot's true factor changes at samples.
 
-    If a new factor is drawn at each sample, the component's factor is reset to its prior, independent of all else that
-    it knows. If the factor varies from sample to sample (``speed_wander`` above 0), the component takes this for a
-    random walk: the variance grows by that of one step. (In simulations it varies about a fixed factor instead.)
+    One drawn at each sample is reset to its prior; one that varies (``speed_wander``) is taken for a random walk.
     """
     if program.speed_redrawn:
         f.means[i, SPEED] = program.speed_factor

@@ -26,11 +26,7 @@ WIDEST: Final = 0.15
 
 @kernel
 def most_common_belief(counts: Any, kind: int) -> float:
-    """Return P_j for j = ``kind``; the error is at most 1e-12.
-
-    Args:
-        counts: (kinds,), integers of at least 1.
-    """
+    """Return P_j for j = ``kind``; the error is at most 1e-12."""
     own = counts[kind]
     step, middle = min(STEP / math.sqrt(own), WIDEST), math.log(own)
     total = density_and_largest(counts, kind, middle)

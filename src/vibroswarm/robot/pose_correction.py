@@ -1,9 +1,7 @@
 """Corrections of a component of ``localisation`` by what rays saw: a wall, another robot, or nothing.
 
-``f`` is the mixture, changed in place; ``i`` is the index of a component. "Walls in x" are those at x = 0 and x =
-width, "walls in y" those at y = 0 and y = height. A distance q to a wall in x depends on x and heading only, so its
-derivative H has two entries, ``by_place`` and ``by_heading``; likewise for y. ``axis`` (X or Y) says which of the two
-it is.
+"Walls in x" are those at x = 0 and x = width. The derivative of a distance q to one has two entries, ``by_place`` and
+``by_heading``, as it depends on x and heading only; likewise for y. ``axis`` (X or Y) says which it is.
 """
 
 from __future__ import annotations
@@ -49,11 +47,9 @@ ROBOT_AT_0: Final = 0.3
 
 @inlined
 def wall_rays(f: Mixture, i: int, program: LocalisationProgram) -> tuple[float, ...]:
-    """Return the shortest distance along the rays to the walls in x, with its derivatives; the same for the walls in y.
+    """Return the distance (m) along the rays to the walls in x, its derivatives by x and heading; the same in y.
 
-    Returns: six numbers: the distance (m) to the walls in x and its derivatives by x and by heading; the distance to
-        the walls in y and its derivatives by y and by heading. If no ray points at a wall in x, its distance is
-        UNSEEN_M and its derivatives are 0; likewise for y.
+    If no ray points at a wall in x, its distance is UNSEEN_M and its derivatives are 0; likewise for y.
     """
     mean = f.means
     x_m, y_m = mean[i, X], mean[i, Y]
@@ -101,15 +97,9 @@ def correct(
     shift: float,
     share: float,
 ) -> None:
-    """Correct a component and its past places by what was learnt about a distance q to a wall.
+    """Correct a component and its past places by what was learnt about a distance q to a wall, after ``gain`` for q.
 
-    The caller calls ``gain`` for the same q first: it writes P H', which is read here, to row ``axis`` of ``f.rows``.
-
-    Args:
-        variance: S, the variance of the predicted q plus that of the noise. shift: the change of the mean of q plus
-            noise, m; for a measured q the innovation e.
-        share: the reduction of the variance of q plus noise, as a share of S: 1 for a measured q, less for a bound of
-            q.
+    ``variance`` is S; ``shift`` the change of the mean of q plus noise, m; ``share`` the reduction of its variance.
     """
     row, covariance, cross = f.rows, f.covariances, f.past_covariances
     # The mean grows by (P H') step, and P shrinks by (P H') (P H')' shrinks. For a past place ``with_number``, its
@@ -139,12 +129,7 @@ def learn_beyond(
 ) -> float:
     """Correct a component by the fact that a distance is above ``least``; return the fact's probability before that.
 
-    The component becomes the Gaussian that has the moments of the one truncated at ``least``.
-
-    Args:
-        mean: the predicted distance, m. noise: standard deviation of the bound ``least``, m.
-    Returns: the probability, before the correction, that the distance is above ``least``; never below LEAST. If the
-        predicted distance is above ``least`` by 3 standard deviations, the result is 1 and nothing is corrected.
+    It takes the moments of the Gaussian truncated at ``least``; from 3 standard deviations on it is left as it is.
     """
     variance = gain(f, i, axis, by_place, by_heading) + noise * noise
     above = mean - least
@@ -163,11 +148,7 @@ def learn_beyond(
 
 @inlined
 def inside(f: Mixture, i: int, program: LocalisationProgram) -> float:
-    """Correct a component by the fact that the robot is inside the arena; return the fact's probability before that.
-
-    Of two opposite walls only the nearer one matters. If it is not near either, the component is not corrected, and the
-    probability that the robot is on the inner side of both counts as 1.
-    """
+    """Correct a component by being inside the arena; return the probability of that before, by the nearer walls."""
     near_m, left = program.radius_m + NEAR_WALL_M, 1.0
     for axis in range(2):
         # at_m: distance of the robot's centre from the nearer of the two walls. by_place: its derivative by x or y.
@@ -182,10 +163,7 @@ def inside(f: Mixture, i: int, program: LocalisationProgram) -> float:
 
 @inlined
 def saw_nothing(f: Mixture, i: int, program: LocalisationProgram) -> float:
-    """Correct a component by the fact that no ray saw a wall; return the fact's probability before that.
-
-    If all walls are out of the rays' reach by this component, it needs no correction and the result is 1.
-    """
+    """Correct a component by the fact that no ray saw a wall; return the fact's probability before that."""
     spread_m = math.sqrt(max(f.covariances[i, X, X], f.covariances[i, Y, Y]))
     # A wall beyond this is out of reach, with margins of 1 cm and of 2.5 standard deviations of the place.
     far_m = program.avoidance_threshold_m + program.ray_forward_m + 0.01 + 2.5 * spread_m
@@ -197,7 +175,7 @@ def saw_nothing(f: Mixture, i: int, program: LocalisationProgram) -> float:
 
 @inlined
 def saw_no_wall(f: Mixture, i: int, program: LocalisationProgram) -> float:
-    """Correct a component near walls by the fact that no ray saw a wall; return the fact's probability before that."""
+    """Correct a component near walls by the fact that no ray saw one; return the fact's probability before that."""
     of_x, x_by_x, x_by_heading, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
     left = 1.0
     for axis in range(2):
@@ -217,17 +195,10 @@ def saw_no_wall(f: Mixture, i: int, program: LocalisationProgram) -> float:
 def meet(
     f: Mixture, i: int, program: LocalisationProgram, ray_m: float, robots: float, lost_share: float
 ) -> tuple[float, float]:
-    """Draw whether the shortest ray saw a wall in x, a wall in y or a robot, and correct the component accordingly.
+    """Draw whether the shortest ray saw a wall in x, one in y or a robot, and correct the component accordingly.
 
-    A component that draws a wall is corrected by the wall's distance. One that draws a robot stays as it is, but may be
-    widened: it may be lost, and have taken a wall for a robot.
-
-    Args:
-        ray_m: length of the ray, m; 0 if the ray begins inside an obstacle. robots: density of meeting a robot, 1/m.
-        lost_share: probability that a component that draws a robot is widened.
-    Returns: the probability density of this ray length by the component, and the part of it that is due to robots, 1/m.
-        If ``ray_m`` is 0, the first is the sum of the probabilities that each wall is behind the ray's beginning and of
-        ROBOT_AT_0 for a robot, and the second is ROBOT_AT_0. The first always includes LEAST.
+    Return the density of this ray length, and the part due to robots, 1/m; with ``ray_m`` 0, probabilities.
+    ``robots`` is the density of robots, 1/m, ``lost_share`` the probability that one that draws a robot is widened.
     """
     of_x, x_by_x, x_by_heading, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
     noise = program.ray_noise_m * program.ray_noise_m

@@ -127,11 +127,7 @@ class Mixture(NamedTuple):
 
 
 def empty_mixture(components: int, lag: int) -> Mixture:
-    """Allocate a robot's memory; all numbers are 0 until ``begin`` is called.
-
-    Args:
-        components: number of Gaussians. lag: number of past samples whose places are kept and corrected, at least 1.
-    """
+    """Allocate a robot's memory; all numbers are 0 until ``begin`` is called."""
     return Mixture(
         np.zeros((components, STATES)),  # means
         np.zeros((components, STATES, STATES)),  # covariances
@@ -167,12 +163,7 @@ def next_uniform(f: Mixture) -> float:
 def begin(
     f: Mixture, program: LocalisationProgram, random: int, x_m: float, y_m: float, heading_rad: float
 ) -> None:
-    """Set all components to time 0, at a given pose.
-
-    Args:
-        random: initial state of the robot's random numbers, from 1 to 2^32 - 1. x_m, y_m, heading_rad: the pose at
-            which the robot assumes that it starts.
-    """
+    """Set all components to time 0, at a given pose."""
     count = f.weights.size
     f.numbers[RANDOM], f.numbers[SAMPLES] = random, 0
     f.monitor[OBSTACLES] = 1.0 / (1.0 - KEPT)  # the value that the sum has after many obstacles
@@ -197,12 +188,7 @@ def begin(
 
 @inlined
 def excess(f: Mixture, program: LocalisationProgram) -> float:
-    """Return by how much the unexpected per recent obstacle exceeds what is usual (``USUAL``); 0 if it does not.
-
-    An obstacle adds to the unexpected the probability that it was a robot and not a wall. A drive adds -ln of the
-    probability of what is known at its end (``localisation.drive``): it is large if a wall was expected, but not seen.
-    If ``program.monitors`` is false, the result is 0.
-    """
+    """Return by how much the unexpected per recent obstacle exceeds what is usual (``USUAL``); 0 if it does not."""
     if not program.monitors:
         return 0.0
     return float(max(f.monitor[UNEXPECTED] / f.monitor[OBSTACLES] - USUAL, 0.0))
@@ -210,11 +196,7 @@ def excess(f: Mixture, program: LocalisationProgram) -> float:
 
 @inner
 def resample(f: Mixture) -> None:
-    """Scale the weights to a sum of 1; if fewer than half of the components are effective, redraw them by weight.
-
-    The effective number of components is 1 / (sum of squared weights). If all weights are 0, they become equal first.
-    The components are redrawn by systematic resampling; after it, all weights are equal.
-    """
+    """Scale the weights to a sum of 1; if fewer than half of the components are effective, redraw them by weight."""
     weights, copies, count = f.weights, f.copies, f.weights.size
     total, squares = 0.0, 0.0
     for i in range(count):

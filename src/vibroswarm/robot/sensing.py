@@ -110,11 +110,7 @@ def observation(state: SenseState, rms_threshold: float) -> int:
 
 
 def high_pass(cutoff_hz: float, rate_hz: float = 350.0) -> tuple[float, float, float]:
-    """Return (alpha_1, alpha_2, alpha_3) of a first-order Butterworth high-pass with -3 dB at ``cutoff_hz``.
-
-    Args:
-        cutoff_hz: between 0 and half of ``rate_hz``. rate_hz: readings per second.
-    """
+    """Return (alpha_1, alpha_2, alpha_3) of a first-order Butterworth high-pass with -3 dB at ``cutoff_hz``."""
     # The bilinear transform distorts frequencies; the tangent compensates this, so that the cutoff is exact.
     bend = math.tan(math.pi * cutoff_hz / rate_hz)
     forward = 1.0 / (1.0 + bend)
@@ -122,14 +118,10 @@ def high_pass(cutoff_hz: float, rate_hz: float = 350.0) -> tuple[float, float, f
 
 
 def cutoff_hz(feedback: float, rate_hz: float = 350.0) -> float:
-    """Return the frequency (Hz) at which a high-pass with alpha_3 = -alpha_2 has half of its largest squared gain.
+    """Return the -3 dB point (Hz) of a high-pass with alpha_3 = -alpha_2, by its alpha_1 alone.
 
-    This frequency depends on alpha_1 only. With a = alpha_1, b = alpha_2 and c = cos(2 pi frequency / rate), the square
-    of the gain is |H|^2 = b^2 (2 - 2 c) / (1 + a^2 - 2 a c). It is largest at c = -1. The result is the frequency at
-    which |H|^2 is half of that, the -3 dB point.
-
-    Args:
-        feedback: alpha_1, in [0, 1). rate_hz: readings per second.
+    With a = alpha_1, b = alpha_2, c = cos(2 pi frequency / rate), |H|^2 = b^2 (2 - 2 c) / (1 + a^2 - 2 a c), largest
+    at c = -1.
     """
     half = 2.0 / (1.0 + feedback) ** 2  # half of the largest |H|^2, for b = 1
     cosine = (2.0 - half * (1.0 + feedback**2)) / (2.0 - 2.0 * feedback * half)

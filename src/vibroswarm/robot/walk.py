@@ -139,10 +139,7 @@ class Dice(NamedTuple):
 
 @inlined
 def leg_duration_ms(program: WalkProgram, u: float) -> float:
-    """Return the duration of a leg, clipped to [leg_min, leg_max], ms.
-
-    It is Cauchy(gamma_0, gamma): gamma_0 + gamma tan(pi (u - 1/2)); or gamma_0 + Exp(gamma): gamma_0 - gamma ln(1 - u).
-    """
+    """Return the duration of a leg, clipped to [leg_min, leg_max], ms."""
     if program.is_exponential:
         leg_ms = program.location_ms - program.scale_ms * math.log(1.0 - u)
     else:
@@ -158,10 +155,7 @@ def turn_angle_deg(program: WalkProgram, u: float) -> float:
 
 @kernel
 def begin_walk(program: WalkProgram, dice: Dice) -> WalkState:
-    """Return the state at tick 0, at which the robot stands; it walks from tick 1.
-
-    ``sampled`` is set, so that the stop is over; but no sample is taken, and ``samples`` is 0.
-    """
+    """Return the state at tick 0, at which the robot stands, without a sample; it walks from tick 1."""
     leg_ms = leg_duration_ms(program, dice.leg)
     return WalkState(STOP, DRIVE, True, leg_ms, 0, 0, 0, 0.0, 0.0, 1, 0, 0, math.nan)
 
@@ -197,14 +191,7 @@ def steered(state: WalkState, turn_deg: float, drive_ms: float) -> WalkState:
 
 @inlined
 def looks(state: WalkState, program: WalkProgram, gyro_deg: float) -> bool:
-    """Return whether ``walk_step`` at this tick may use the rays: only if the robot drives, or is about to drive.
-
-    If a sample is due or the leg is over, ``walk_step`` does not use them, although the result is true.
-
-    Args:
-        gyro_deg: angle turned since the last tick. ``walk_step`` ignores it after a stop; here it is subtracted then
-            too, as it is about 0 for a robot that stood.
-    """
+    """Return whether ``walk_step`` at this tick may use the rays: only if the robot drives, or is about to drive."""
     mode = state.mode
     if mode == STOP:
         if not state.sampled:  # the stop goes on
@@ -221,11 +208,8 @@ def walk_step(
 ) -> WalkState:
     """Return the state for the next control period: what the robot does from this tick to the next.
 
-    Args:
-        gyro_deg: angle turned since the last tick, anticlockwise positive. nearest_mm: length of the shortest ray; used
-            only if ``looks`` is true.
-        dice: uniform numbers. The caller draws the leg's and the turn's anew when ``legs`` has grown, and the
-            avoidance's when ``avoidances`` has grown.
+    ``gyro_deg``: angle turned since the last tick, anticlockwise positive. ``nearest_mm``: the shortest ray, used
+    only if ``looks``. ``dice``: uniform numbers, to be drawn anew when ``legs`` or ``avoidances`` has grown.
     """
     mode, resume = state.mode, state.resume
     leg_ms, driven_ms, timer_ms, stopped_ms = state.leg_ms, state.driven_ms, state.timer_ms, state.stopped_ms
@@ -291,10 +275,8 @@ def counts(mode: int, timer: int) -> bool:
 
 @inlined
 def turn_command_percent(state: WalkState, program: WalkProgram) -> float:
-    """Return the right wheel's command in a turn in place, % of full speed; the left wheel gets its negative.
-
-    It is positive in an anticlockwise turn.
-    """
+    """Return the right wheel's command in a turn, % of full speed, positive anticlockwise; the left's is its
+    negative."""
     command = program.gain * state.error_deg + program.integral_gain * state.integral_deg_s
     return min(max(command, -100.0), 100.0)
 

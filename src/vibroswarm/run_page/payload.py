@@ -1,8 +1,4 @@
-"""A run as the data of its web page: its tables and constants, as a dict for JSON.
-
-Lengths in m, times in s, angles in rad; arena coordinates begin at the lower left corner of the walls. Numeric columns
-are packed (``packed_column``). Poses are thinned to one each ``POSE_S``, and one wherever a robot's move changes.
-"""
+"""A run as the data of its web page: m, s, rad; numeric columns are packed (``packed_column``), poses thinned."""
 
 from __future__ import annotations
 
@@ -21,9 +17,8 @@ from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
-from vibroswarm.scenario.change_fields import change_words
+from vibroswarm.scenario.disturbance_fields import MOTION_FAULTS, change_words
 from vibroswarm.scenario.fault_draws import fault_words
-from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.map_figures import keeps_floor_map, maps_over_time
 from vibroswarm.statistics.robot_knowledge import true_places_notes
@@ -82,11 +77,7 @@ def packed_column(values: NDArray[np.generic]) -> dict[str, str]:
 
 
 def payload(result: Result, run: int = 0, *, title: str = "") -> dict[str, Any]:
-    """Return one run as dicts, lists, texts, booleans, finite numbers and None, which the page's scripts read.
-
-    Raises:
-        InputError: ``result`` is no ``Result``, has no such run or no poses; or its strategy or network is not loaded.
-    """
+    """Return one run as dicts, lists, texts, booleans, finite numbers and None, which the page's scripts read."""
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     if result.poses is None:
         raise InputError("no page can be made: simulate with poses=True")
@@ -133,10 +124,7 @@ def payload(result: Result, run: int = 0, *, title: str = "") -> dict[str, Any]:
 
 
 def rule_of(scenario: Scenario) -> dict[str, Any]:
-    """Return how robots decide on the fill ratio, by the names that the page's scripts read.
-
-    ``prior_belief`` is the belief before the first sample: P(share of ones < tested).
-    """
+    """Return how robots decide on the fill ratio, by the names that the page's scripts read."""
     decision, strategy = scenario.decision, strategy_of(scenario.strategy.name)
     prior, tested = (decision.prior_alpha, decision.prior_beta), readings_boundary(scenario)
     read = fields_read(strategy)
@@ -174,7 +162,6 @@ def body_of(scenario: Scenario) -> dict[str, Any]:
 
 
 def _floor(floor: Floor) -> dict[str, Any]:
-    """Return the floor; its tiles at time 0 are text of their kinds, row by row from the top."""
     rows, columns = floor.tiles.shape
     return {
         "name": floor.name,
@@ -193,7 +180,6 @@ def _floor(floor: Floor) -> dict[str, Any]:
 
 
 def _samples(result: Result, run: int) -> pl.DataFrame:
-    """Return the samples that have a row in motion, observations and inference, sorted by robot and sample number."""
     table = result.motion.filter(run=run)
     for other in (result.observations, result.inference):
         new = [name for name in other.columns if name not in table.columns]
@@ -216,10 +202,7 @@ def _places(samples: pl.DataFrame, places: pl.DataFrame) -> dict[str, Any]:
 
 
 def _maps(result: Result, run: int, end_s: float) -> dict[str, Any] | None:
-    """Return the robots' maps and the pooled map over time, or the latter alone if all would be too large.
-
-    None if the robots keep no maps, or if these cannot be recomputed.
-    """
+    """Return the robots' maps and the pooled map over time, or the latter alone if all would be too large."""
     is_lost = result.seed is None or (is_estimated(result.scenario) and result.moves is None)
     if is_lost or not keeps_floor_map(result.scenario):
         return None
@@ -258,7 +241,6 @@ def _poses(poses: pl.DataFrame, side_m: float) -> dict[str, Any]:
 
 
 def _estimates(found: Verdict) -> dict[str, Any] | None:
-    """Return what robots say to a task that asks for a number, in words; None if it asks for a decision."""
     if not found.estimated:
         return None
     told, sure = estimates_in_words(found)
@@ -280,7 +262,6 @@ def _faults(faults: pl.DataFrame) -> list[dict[str, Any]]:
 
 
 def _details(result: Result) -> list[tuple[str, str]]:
-    """Return further texts of the page's footer, by name."""
     changes = change_words(result.scenario.change)
     names = ("vibroswarm", "python", "numpy", "numba", "architecture", "code")
     return [

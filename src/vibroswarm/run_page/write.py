@@ -72,7 +72,6 @@ def page_html(data: dict[str, Any]) -> str:
 
 
 def _font_faces() -> str:
-    """Return the style rules with the page's font inside, so that all machines show the same page."""
     rules = []
     for weight, range_of in WEIGHTS.items():
         data = files("vibroswarm.run_page").joinpath("assets", f"roboto-{weight}.woff2").read_bytes()
@@ -85,10 +84,7 @@ def _font_faces() -> str:
 
 
 def _script_hash(document: str, script: str) -> str:
-    """Return the hash of the page's script element; the page's content security policy allows no other script.
-
-    It is the single ``<script>`` without attributes; that with the data is not run, and needs no hash.
-    """
+    """Return the hash of the page's script element; the page's content security policy allows no other script."""
     (code,) = re.findall(r"<script>(.*?)</script>", document, flags=re.DOTALL)
     digest = hashlib.sha256(code.replace("{{script}}", script).encode()).digest()
     return f"sha256-{base64.b64encode(digest).decode()}"

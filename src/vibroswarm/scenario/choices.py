@@ -1,8 +1,6 @@
-"""Sections of a scenario that select a strategy, a network, a task or a sensor by name.
+"""Sections of a scenario that select a strategy, a network, a task or a sensor by name, with tables of parameters.
 
-An entry is a strategy, network, task or sensor that can be selected. Its table holds its parameters, such as
-``[strategy.soft]``. Its code is the reference to the user's file that defines it, with a hash (``plugins``); entries of
-this package and of installed packages have none.
+An entry's code is the reference to the user's file that defines it, with a hash (``plugins``), or None.
 """
 
 from __future__ import annotations
@@ -22,11 +20,7 @@ from vibroswarm.tasks import known as known_tasks
 
 
 def field_error(error: ValidationError, suggest: Callable[[str], str], prefix: str = "") -> InputError:
-    """Return an ``InputError``, in words for users, for the first of Pydantic's validation errors.
-
-    Args:
-        suggest: given an unknown field, returns text such as ", did you mean 'x'?". prefix: of the field's name.
-    """
+    """Return an ``InputError``, in words for users, for the first of Pydantic's validation errors."""
     first = error.errors(include_url=False)[0]
     # Parts after the field's name are places in its value, or which of several types it may have.
     name = prefix + ".".join(str(part) for part in first["loc"][: 1 if prefix else 2])
@@ -60,16 +54,7 @@ class Choice(FrozenModel):
     @model_validator(mode="before")
     @classmethod
     def _with_tables(cls, values: Any) -> Any:
-        """Find the selected entry, load its code if allowed, and validate all tables.
-
-        Args:
-            values: the section as given: a name, perhaps a code, and tables by the names of entries.
-        Returns:
-            The section in one form, so that scenarios of the same meaning have the same text: the name without file,
-            ``code`` with its hash, and the tables of the selected entry and of others that differ from the defaults.
-        Raises:
-            InputError: unknown entry, code that has changed or cannot be loaded, or a wrong table.
-        """
+        """Find the selected entry, load its code if allowed, and validate all tables."""
         if not isinstance(values, Mapping):
             return values  # which Pydantic refuses
         given = {"code": None, cls.selector: cls.model_fields[cls.selector].default} | dict(values)
@@ -87,7 +72,6 @@ class Choice(FrozenModel):
 
     @classmethod
     def _table(cls, name: str, table: Any) -> Any:
-        """Return the parameters of an entry as its model."""
         entries, section = plugins.known_for(cls.kind, name), f"{cls.kind}.{name}"
         if name not in entries:
             names = [f"{cls.kind}.{field}" for field in cls.fields_of()]
@@ -139,10 +123,7 @@ class Choice(FrozenModel):
 
     @classmethod
     def fields_of(cls) -> dict[str, Any]:
-        """Return the types of its own fields and of all parameters, by dotted name without the section: "soft.eta".
-
-        ``code`` is no field to users, who give a new reference to code as the name.
-        """
+        """Return the types of its own fields and of all parameters, by dotted name without the section: "soft.eta"."""
         own = {name: field.annotation for name, field in cls.model_fields.items() if name != "code"}
         return own | {
             f"{name}.{field}": info.annotation

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, FAULT, MISREAD, uniform
-from vibroswarm.scenario.fault_fields import FAULTS, SENSOR_FAULTS, SINCE, count_of
+from vibroswarm.scenario.disturbance_fields import FAULTS, SENSOR_FAULTS, SINCE, count_of
 from vibroswarm.scenario.scenario import Scenario
 
 NUMBER_OF: Final = {
@@ -55,11 +55,7 @@ FAULT_COLUMNS: Final[dict[str, Any]] = {
 
 
 def onset_s(scenario: Scenario, seed: int, runs: Sequence[int], kind: str) -> NDArray[np.float64]:
-    """Return the time from which each robot has a fault of one kind, s: (runs, robots), inf for robots without it.
-
-    Args:
-        runs: numbers of the runs, one for each row. kind: kind of fault, one of ``FAULTS``.
-    """
+    """Return the time from which each robot has a fault of one kind, s: (runs, robots), inf for robots without it."""
     robots, affected = scenario.swarm.robots, getattr(scenario.faults, kind)
     onset = np.full((len(runs), robots), math.inf)
     # One time for all robots, or the range that each robot's time is drawn from.
@@ -89,7 +85,7 @@ def _who(scenario: Scenario, seed: int, run: int, kind: str) -> Sequence[int]:
 
 
 def working(scenario: Scenario, seed: int, runs: Sequence[int]) -> NDArray[np.bool_]:
-    """Return whether each robot has no fault of any kind before the end of its run, ``run.t_end_s``: (runs, robots)."""
+    """Return whether each robot has no fault of any kind before ``run.t_end_s``: (runs, robots)."""
     fine = np.ones((len(runs), scenario.swarm.robots), dtype=np.bool_)
     for kind in scenario.faults.kinds:
         fine &= onset_s(scenario, seed, runs, kind) >= scenario.run.t_end_s
@@ -99,14 +95,7 @@ def working(scenario: Scenario, seed: int, runs: Sequence[int]) -> NDArray[np.bo
 def fault_frame(
     scenario: Scenario, seed: int, runs: Sequence[int], end_s: NDArray[np.float64]
 ) -> pl.DataFrame | None:
-    """Return the table of faults (``FAULT_COLUMNS``), sorted by run, robot and kind.
-
-    Kinds sort in the order of ``FAULTS``. The result is None if the scenario has no faults; the table is empty if none
-    begins before the end of a run.
-
-    Args:
-        end_s: (runs,), when each run ended, which may be before ``run.t_end_s``.
-    """
+    """Return the table of faults (``FAULT_COLUMNS``), sorted by run, robot and kind; None if the scenario has none."""
     if not scenario.faults.kinds:
         return None
     numbers, parts = np.array(runs, dtype=np.int64), []  # runs need not be consecutive
@@ -142,7 +131,7 @@ NO_SENSOR_FAULTS: Final = SensorFaults(read_only(np.empty((0, 0, 0))), read_only
 
 
 def sensor_faults(scenario: Scenario, seed: int, runs: Sequence[int]) -> SensorFaults:
-    """Return the times from which sensors are faulty in some runs, and how; ``NO_SENSOR_FAULTS`` if no sensor fails."""
+    """Return the times from which sensors are faulty in some runs, and how; ``NO_SENSOR_FAULTS`` if none fails."""
     faults = scenario.faults
     if not any(getattr(faults, kind) for kind in SENSOR_FAULTS):
         return NO_SENSOR_FAULTS
@@ -181,14 +170,7 @@ def observation_of(
     run: int,
     sample: int,
 ) -> int:
-    """Return the class that robot ``i`` reads at time ``time_s``, with the faults that its sensor has by then.
-
-    Args:
-        r: row of the run in the arrays of ``faults``. kind: of the tile that the robot senses. u: the sample's uniform
-            number. shares: (rows, levels, classes - 1): ``Response.shares_below``. levels: ``Response.levels``.
-            row: of the sample in ``shares``.
-        seed, run, sample: with ``i``, address of the sample's random numbers.
-    """
+    """Return the class that robot ``i`` reads at ``time_s``, with the faults of its sensor, from the number ``u``."""
     below = shares[row, kind, 0]
     if faults.from_s.shape[0] == 0:  # no rows: no sensor can fail
         return class_of(u, below, shares, row, kind)
@@ -239,12 +221,7 @@ def apply_faults(
     faults: SensorFaults, run_index: NDArray[np.int64], robot: NDArray[Any], sample: NDArray[Any],
     time_s: NDArray[np.float64], classes: int, seed: int, runs: NDArray[np.int64], observation: NDArray[np.uint8],
 ) -> None:  # fmt: skip
-    """Replace readings, (samples,), of a sensor that depends on the place by those with its faults.
-
-    Args:
-        run_index: (samples,), rows of the runs in ``faults``. robot, sample, time_s: (samples,), of the motion table.
-        classes: number of classes. runs: numbers of the runs.
-    """
+    """Replace readings, (samples,), of a sensor that depends on the place by those with its faults."""
     if faults.from_s.shape[0] == 0:  # no rows: no sensor can fail
         return
     for k in range(observation.size):
@@ -260,11 +237,7 @@ def apply_faults(
 
 @inner
 def class_of(u: float, below: float, shares: NDArray[np.float64], row: int, kind: int) -> int:
-    """Return the reading of a sample: how many of the shares of its row and kind are below its uniform number.
-
-    Args:
-        below: the first of these shares, which a fault may have changed.
-    """
+    """Return the reading of a sample: how many of the shares of its row and kind are below its uniform number."""
     found = 1 if u > below else 0
     for j in range(1, shares.shape[2]):  # none, if there are two classes
         if u > shares[row, kind, j]:

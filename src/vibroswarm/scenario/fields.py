@@ -34,9 +34,8 @@ from vibroswarm.errors import InputError, named
 from vibroswarm.floors.floor import DIGITS, Floor, as_levels
 from vibroswarm.floors.source import is_generated, named_tiles
 from vibroswarm.floors.surfaces import is_patches, named_patches
-from vibroswarm.scenario.change_fields import Change
 from vibroswarm.scenario.choices import Choice, NetworkChoice, StrategyChoice, TaskChoice
-from vibroswarm.scenario.fault_fields import Faults, MotionFaults
+from vibroswarm.scenario.disturbance_fields import Change, Faults, MotionFaults
 from vibroswarm.scenario.localisation_fields import Localisation, Odometry, PlaceMethod
 from vibroswarm.sensors import known as known_sensors
 from vibroswarm.sensors.confusion import Rates
@@ -149,10 +148,7 @@ class FloorField(FrozenModel):
         return self.values is not None or (self.tiles is None and is_patches(self.source))
 
     def placed_in(self, arena: Arena, seed: int, run: int) -> Floor:
-        """Return the floor of ``run`` in an arena: a fixed floor, or the random floor of (seed, run).
-
-        Tiles without a width or height are stretched so that all columns or rows fill the arena.
-        """
+        """Return the floor of ``run`` in an arena: a fixed floor, or the random floor of (seed, run)."""
         # With redraw = "study" all runs share the floor of run 0.
         run = run if self.redraw == "run" else 0
         levels = self.levels_for(seed, run)
@@ -168,13 +164,7 @@ class FloorField(FrozenModel):
         return replace(floor, patches=patches)
 
     def levels_for(self, seed: int, run: int) -> NDArray[Any]:
-        """Return the levels of the tiles of (seed, run), (rows, columns), top row first.
-
-        ``redraw`` has no effect here: if it is "study", ``placed_in`` requests run 0 for every run.
-
-        Raises:
-            InputError: ``tiles`` is not a grid of kinds, or ``source`` names no floor.
-        """
+        """Return the levels of the tiles of (seed, run), (rows, columns), top row first."""
         if self.values is not None and self.tiles is not None:
             raise InputError("give either tiles or values", field="floor.values")
         given = self.values or [[int(tile, 16) for tile in row] for row in self.tiles or ()]

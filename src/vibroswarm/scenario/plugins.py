@@ -1,11 +1,8 @@
 """Strategies, networks, tasks, sensors and motions from users' files: ``voter.py:voter`` names an object in a file.
 
-A reference to code is such a name, or the same with the hash of the file: ``voter.py:voter sha256:...``. A data file
-is a scenario or study file, which may contain references. Loading a Python file runs it, so a file that a data file
-refers to is loaded only inside ``trust_code``; a data file whose code is not loaded is refused. A result keeps the text
-of the file and its hash, not a path.
-
-Loaded objects are registered by name, like those of this package. Their ``code`` is the reference with hash.
+A reference may have the hash of the file: ``voter.py:voter sha256:...``. Loading a file runs it, so one that a
+scenario or study file refers to is loaded only inside ``trust_code``. A result keeps the file's text and hash, not a
+path.
 """
 
 from __future__ import annotations
@@ -69,11 +66,7 @@ empty while no file is trusted."""
 
 @contextmanager
 def trust_code(folder: Path | None = None) -> Iterator[None]:
-    """Allow files of code that data files name to be loaded, and so run, inside this context.
-
-    Args:
-        folder: folder that relative paths of code start from; None: the working directory.
-    """
+    """Allow files of code that data files name to be loaded, and so run, inside this context."""
     _trusted.append(folder)
     try:
         yield
@@ -110,13 +103,7 @@ def name_in(code: str) -> str:
 
 
 def resolve_code(kind: str, spec: str) -> str:
-    """Return a reference to loaded code with its hash; load the code if that is allowed, that is, in ``trust_code``.
-
-    Args:
-        kind: one of ``KINDS``. spec: the reference, with or without hash.
-    Raises:
-        InputError: the code is not loaded and may not be, or as of ``load_file``.
-    """
+    """Return a reference to loaded code with its hash; load the code if that is allowed, in ``trust_code``."""
     known = KINDS[kind].known().get(name_in(spec))
     code = str(known.code) if known is not None else ""
     if code and code == spec:
@@ -133,14 +120,7 @@ def resolve_code(kind: str, spec: str) -> str:
 
 
 def resolve_codes(values: Any, path: str = "") -> Any:
-    """Return the values of a data file with hashes added to references to code, loaded if that is allowed.
-
-    Args:
-        values: nested tables, lists and values. path: the keys that lead to ``values``, each after a dot. Only fields
-            such as ``strategy.name`` and ``sensor.model`` are references; their section is the kind.
-    Raises:
-        InputError: as of ``resolve_code``.
-    """
+    """Return the values of a data file with hashes added to references to code, loaded if that is allowed."""
     if isinstance(values, Mapping):
         return {key: resolve_codes(value, f"{path}.{key}") for key, value in values.items()}
     if isinstance(values, list | tuple):
@@ -168,15 +148,7 @@ def load_code(code: str, folder: str | Path | None = None) -> str:
 
 
 def load_file(kind: str | None, spec: str, folder: Path | None = None) -> Any:
-    """Load a file, and register and return the object in it that ``path.py:name`` refers to.
-
-    Args:
-        kind: required kind, one of ``KINDS``, or None: any. spec: the reference, with or without hash. folder: folder
-            that a relative path starts from; None: the working directory.
-    Raises:
-        InputError: there is no such file, the file has another hash than ``spec``, or as of ``install``.
-        CodeError: the file raised an error.
-    """
+    """Load a file, and register and return the object in it that ``path.py:name`` refers to."""
     path_text, _, name = spec.partition(HASH)[0].rpartition(":")
     path = Path(folder or "", path_text)
     text = read_text(path, f"a {kind or 'file of code'}")
@@ -192,10 +164,7 @@ def load_file(kind: str | None, spec: str, folder: Path | None = None) -> Any:
 
 
 def texts_of(codes: Iterable[str | None]) -> tuple[tuple[str, str], ...]:
-    """Return references to code with the texts of their files, for ``install_all`` in a worker process.
-
-    References that are None or not loaded are left out. Each reference is returned once, in alphabetical order.
-    """
+    """Return references to code with the texts of their files, for ``install_all`` in a worker process."""
     return tuple((code, _texts[code]) for code in sorted({code for code in codes if code in _texts}))
 
 
@@ -206,17 +175,7 @@ def install_all(texts: Iterable[tuple[str, str]]) -> None:
 
 
 def install(kind: str | None, code: str, text: str, file: str | None = None) -> Any:
-    """Register and return an object defined by the text of a file: of a user's file, or of a worker's copy of it.
-
-    Args:
-        kind: required kind, one of ``KINDS``, or None: any. code: reference to the object, with the hash of ``text``.
-            file: path of the file, for errors; None: as in ``code``.
-    Returns:
-        The registered object; if the same text has been registered before, that object.
-    Raises:
-        InputError: the text defines no such object, or the object's name is taken by a different object.
-        CodeError: the text raised an error.
-    """
+    """Register and return an object defined by the text of a file: of a user's file, or of a worker's copy of it."""
     name, file = name_in(code), file or code.partition(HASH)[0].rpartition(":")[0]
     # The module is named by the hash, so that a text is executed only once, even if it defines several objects.
     module_name = f"vibroswarm_file_{code.partition(HASH)[2][:16]}"
@@ -245,7 +204,7 @@ def kind_of(found: object) -> str | None:
 
 
 def known_for(kind: str, name: object) -> Mapping[str, Any]:
-    """Return all registered objects of a kind, by name; that which an installed package offers as ``name`` is added."""
+    """Return all registered objects of a kind, by name, and the one that an installed package offers as ``name``."""
     known = KINDS[kind].known
     if isinstance(name, str) and name not in known():
         load_installed(kind, name)
@@ -253,11 +212,7 @@ def known_for(kind: str, name: object) -> Mapping[str, Any]:
 
 
 def found(kind: str, name: str) -> Any:
-    """Return the object of that name, or of a reference to code (``resolve_code``).
-
-    Raises:
-        InputError: there is no such object, or its file is not loaded; the message suggests a similar name.
-    """
+    """Return the object of that name, or of a reference to code (``resolve_code``)."""
     name = name_in(resolve_code(kind, name)) if is_code(name) else name
     known = known_for(kind, name)
     if not isinstance(name, str) or name not in known:
@@ -266,13 +221,7 @@ def found(kind: str, name: str) -> Any:
 
 
 def load_installed(kind: str, name: str | None = None) -> None:
-    """Register the objects of a kind that installed packages offer as entry points (``vibroswarm.strategies``, ...).
-
-    An object whose name is taken already is left out.
-
-    Args:
-        name: of the entry points to load, as others may be broken; None: all of the kind.
-    """
+    """Register the objects of a kind that installed packages offer as entry points, or that of one ``name``."""
     points = entry_points(group=KINDS[kind].group)
     for point in points if name is None else points.select(name=name):
         loaded: Any = point.load()

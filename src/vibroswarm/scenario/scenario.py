@@ -1,8 +1,4 @@
-"""Scenarios: frozen, validated and hashable, read from and written as TOML.
-
-A scenario consists of the sections of the module ``fields``. Every default is what the paper's simulations really did
-(preset ``paper``), so a scenario file need only give what differs.
-"""
+"""Scenarios: frozen, validated and hashable, read from and written as TOML; their sections are in ``fields``."""
 
 from __future__ import annotations
 
@@ -42,7 +38,6 @@ class Scenario(Sections, NotebookView):
     """
 
     def __init__(self, **sections: Any) -> None:
-        """Build a scenario from its sections by name."""
         with _as_input_error():
             super().__init__(**sections)
 
@@ -51,10 +46,6 @@ class Scenario(Sections, NotebookView):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        """Run all checks across fields.
-
-        If one fails, Pydantic wraps its ``InputError`` in a ``ValidationError``, from which ``field_error`` gets it.
-        """
         for check in validation.ALL:
             check(self)
         return self
@@ -237,16 +228,12 @@ def _as_input_error() -> Iterator[None]:
 
 
 def _unpickled(text: str, files: tuple[tuple[str, str], ...]) -> Scenario:
-    """Return the scenario that ``Scenario.__reduce__`` pickled."""
     plugins.install_all(files)
     return Scenario.from_toml(text)
 
 
 def _without_empty(sections: dict[str, Any]) -> dict[str, Any]:
-    """Return the sections that are not empty.
-
-    A section whose fields are all optional and unset is left out, so that a new section changes no hash.
-    """
+    """Leave out empty sections, so that a new section of optional fields changes no hash."""
     return {name: fields for name, fields in sections.items() if fields != {}}
 
 
@@ -279,11 +266,7 @@ def field_types() -> dict[str, Any]:
 
 
 def value_of(scenario: Scenario, name: str) -> Any:
-    """Return the value of a field, by its dotted name, such as "walk.leg_min_ms" or "strategy.soft.eta".
-
-    Raises:
-        InputError: there is no such field.
-    """
+    """Return the value of a field, by its dotted name, such as "walk.leg_min_ms" or "strategy.soft.eta"."""
     section, _, field = name.partition(".")
     node = getattr(scenario, section, None)
     table, _, parameter = field.partition(".")
@@ -295,11 +278,7 @@ def value_of(scenario: Scenario, name: str) -> Any:
 
 
 def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
-    """Return the values of the fields in which a scenario differs from a base, by dotted name.
-
-    The values are for TOML (``--set``, a study's file): tuples become lists, and fields that are None in the scenario
-    are left out. If such a field has a value in the base, the base plus the differences is not the scenario.
-    """
+    """Return the values, for TOML, of fields in which a scenario differs from a base, by dotted name, but None."""
     return {name: value for name, value in changes(scenario, base).items() if value is not None}
 
 
@@ -316,7 +295,6 @@ def changes(scenario: Scenario, base: Scenario) -> dict[str, Any]:
 
 
 def _dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the values of nested tables by dotted name."""
     flat: dict[str, Any] = {}
     for name, value in values.items():
         flat |= _dotted(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {prefix + name: value}
@@ -324,13 +302,7 @@ def _dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
-    """Return name and value of a setting such as ``"walk.leg_min_ms=500"``.
-
-    The value is parsed as TOML. A value that is not TOML, such as a word without quotes, is taken as a string.
-
-    Raises:
-        InputError: the text is not of the form section.field=value.
-    """
+    """Return name and value of a setting such as ``"walk.leg_min_ms=500"``; a value that is not TOML is text."""
     name, separator, value = text.partition("=")
     if not separator or not name.strip():
         raise InputError(f"'{text}' is not of the form section.field=value", field="--set")
@@ -341,13 +313,7 @@ def parse_setting(text: str) -> tuple[str, Any]:
 
 
 def parse_values(text: str, form: str = "section.field=value,value") -> tuple[str, list[Any]]:
-    """Return name and values of a varied field such as ``"swarm.robots=3,5"``, each value as of ``parse_setting``.
-
-    Args:
-        form: what is right, for the message.
-    Raises:
-        InputError: the text is not of this form.
-    """
+    """Return name and values of a varied field such as ``"swarm.robots=3,5"``, each value as of ``parse_setting``."""
     name, separator, values = text.partition("=")
     if not separator or not values.strip():
         raise InputError(f"'{text}' is not of the form {form}", field="--vary")
@@ -360,14 +326,7 @@ def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
 
 
 def _read_floor_file(values: dict[str, Any], folder: Path) -> None:
-    """Replace, in place, a floor file that ``floor.source`` names by the file's tiles, or values of tiles, and name.
-
-    Nothing changes if ``source`` is a pattern or a random floor, or if the floor has tiles or values already. What is
-    wrong is left to later checks.
-
-    Raises:
-        InputError: there is no such file, or it is no floor.
-    """
+    """Replace, in place, a floor file that ``floor.source`` names by its tiles or values and its name."""
     floor: Any = values.get("floor")
     source = floor.get("source") if isinstance(floor, dict) and not {"tiles", "values"} & set(floor) else None
     if not isinstance(source, str) or is_generated(source) or family(source) is not None:
@@ -387,13 +346,7 @@ def _no_such_field(name: str) -> InputError:
 
 
 def nearest_field(name: str, also: Iterable[str] = ()) -> str:
-    """Return a suggestion such as ", did you mean 'x'?" for an unknown dotted name, or an empty string.
-
-    A field with the same last part comes first, then a field of a table of that name, then a similar spelling.
-
-    Args:
-        also: names that are allowed besides fields.
-    """
+    """Return a suggestion such as ", did you mean 'x'?" for an unknown dotted name, or an empty string."""
     known = [*field_types(), *also]
     last = name.rpartition(".")[2]
     same = [k for k in known if k.rpartition(".")[2] == last] or [k for k in known if f".{last}." in k]

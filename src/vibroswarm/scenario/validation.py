@@ -1,7 +1,5 @@
-"""Checks across the fields of a scenario: each takes its sections ``s``, and raises an ``InputError`` if they disagree.
-
-The error names the field to fix. Each field has been checked by itself before.
-"""
+"""Checks across the fields of a scenario: each takes its sections ``s``, and raises an ``InputError`` on the field to
+fix."""
 
 from __future__ import annotations
 
@@ -11,7 +9,7 @@ from collections.abc import Callable
 from vibroswarm.core.numbers import stated
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
-from vibroswarm.scenario.fault_fields import check_faults
+from vibroswarm.scenario.disturbance_fields import check_faults
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.sensors.confusion import check_rates
 from vibroswarm.strategies.base import Plugin
@@ -57,20 +55,13 @@ def _check_robots(s: Sections) -> None:
 
 
 def start_region(s: Sections) -> tuple[float, float, float, float]:
-    """Return the region of the robots' centres at the start, m: least x, greatest x, least y, greatest y.
-
-    The least is above the greatest if the arena is too small.
-    """
+    """Return the region of the robots' centres at the start: least x, greatest x, least y, greatest y, m."""
     margin = max(s.swarm.start_margin_m, s.robot.body_radius_m)
     return margin, s.arena.width_m - margin, margin, s.arena.height_m - margin
 
 
 def lattice_sites(s: Sections) -> tuple[int, int]:
-    """Return how many columns and rows of robots fit side by side into the start region.
-
-    Robots start on this lattice if random placement fails. More robots than lattice sites are refused, although tighter
-    arrangements, such as offset rows, may hold a few more.
-    """
+    """Return how many columns and rows of robots fit side by side into the start region."""
     left, right, low, high = start_region(s)
     # A little more than touching, so that rounding makes no overlap.
     pitch = 2 * s.robot.body_radius_m * (1 + 1e-9)
@@ -153,7 +144,6 @@ def _check_times(s: Sections) -> None:
 
 
 def _check_sensor(s: Sections) -> None:
-    """Refuse what the sensor's own check refuses, and claims of other rates than it has."""
     sensor = s.sensor
     _check_own(sensor.entry, sensor.entry.check, sensor.params)
     if sensor.claimed_rates is not None:
@@ -163,7 +153,6 @@ def _check_sensor(s: Sections) -> None:
 
 
 def _check_floor(s: Sections) -> None:
-    """Refuse a floor outside of the arena, and tiles, values and patches that the sensor has no law for."""
     floor, sensor, model = s.floor.placed_in(s.arena, 0, 0), s.sensor, s.sensor.entry
     left, bottom, right, top = floor.box_within(*s.arena.size_m)
     _refuse(left >= right or bottom >= top, "floor.left_m", "the floor lies outside the arena")
@@ -184,7 +173,6 @@ def _check_floor(s: Sections) -> None:
 
 
 def _check_question(s: Sections) -> None:
-    """Refuse kinds of tile, classes of readings and answers that sensor, strategy and task do not share."""
     kinds, readings, strategy, task = s.sensor.kinds, s.sensor.readings, s.strategy.entry, s.task.entry
     _refuse(
         readings > 2 and not strategy.many_readings,
@@ -258,10 +246,6 @@ def _check_change(s: Sections) -> None:
 
 
 def _check_decision(s: Sections) -> None:
-    """Refuse parameters and boundaries that the strategy does not suit, and those that the network does not suit.
-
-    With ``boundary_of = "tiles"``, ``readings_boundary`` checks the boundary that results.
-    """
     decision, strategy, network = s.decision, s.strategy.entry, s.network.entry
     _refuse(
         strategy.boundary_half and decision.boundary_of == "readings" and decision.decision_boundary != 0.5,
@@ -274,7 +258,6 @@ def _check_decision(s: Sections) -> None:
 
 
 def _check_faults(s: Sections) -> None:
-    """Refuse faults of robots that do not exist, and ``faults.opposite`` where messages have no opposite."""
     check_faults(s.faults, s.swarm.robots)
     _refuse(
         bool(s.faults.stuck) and s.faults.stuck_class >= s.sensor.readings,

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from vibroswarm.testing.inference import check_network, check_strategy
 from vibroswarm.testing.motion import check_motion
-from vibroswarm.testing.network import check_network
 from vibroswarm.testing.runs import Finding
-from vibroswarm.testing.sensor import check_sensor
-from vibroswarm.testing.strategy import check_strategy
-from vibroswarm.testing.task import check_task
+from vibroswarm.testing.tiles import check_sensor, check_task
 
 CHECKS: Final[Mapping[str, Callable[[str], list[Finding]]]] = {
     "strategy": check_strategy,

@@ -1,8 +1,7 @@
 """Checks of every motion source: of its tables (``motion.source``), and of the poses that follow from its moves.
 
-A check takes a source, runs it in the cases of ``motion_cases``, and raises ``AssertionError`` if the source fails. The
-first line of its docstring states what must hold; ``vibroswarm check`` prints this line. Checks that read moves pass
-for a source that has none.
+A check takes a source, runs it in the cases of ``motion_cases``, and raises ``AssertionError`` if it fails. The first
+line of its docstring states what must hold; ``vibroswarm check`` prints it.
 """
 
 from __future__ import annotations
@@ -265,10 +264,7 @@ def check_ends(source: Source) -> None:
 
 
 def check_bodies(source: Source) -> None:
-    """No two bodies that drive or stand overlap, and none leaves the arena, at every control period.
-
-    Within turns, poses are known from moves only to about a millimetre.
-    """
+    """No two bodies that drive or stand overlap, and none leaves the arena, at every control period."""
     for case in CASES:
         s, motion = case.scenario, motion_of(source, case)
         if motion.moves is None:
@@ -311,13 +307,7 @@ WARNINGS_ONLY: Final = (check_runs_differ,)
 
 
 def check_motion(name: str) -> list[Finding]:
-    """Run all checks of a registered motion source, and return their findings in order.
-
-    Args:
-        name: of the source.
-    Raises:
-        InputError: there is no such source.
-    """
+    """Run all checks of a registered motion source, and return their findings in order."""
     source = source_of(name)  # one object for all checks, because ``motion_of`` caches motion by source
     return [
         run_check(words_of(check), partial(check, source), is_warning=check in WARNINGS_ONLY)

@@ -1,7 +1,4 @@
-"""Cases (scenarios with some runs) in which motion sources are checked, and functions that the checks share.
-
-A source generates motion (``Motion``). Its tables of samples, ends and moves are checked, and not that of failures.
-"""
+"""Cases (scenarios with some runs) in which motion sources are checked, and functions that the checks share."""
 
 from __future__ import annotations
 
@@ -24,11 +21,7 @@ Check = Callable[[Source], None]
 
 @dataclass(frozen=True)
 class Case:
-    """A scenario, and the runs and the seed with which it is simulated.
-
-    Args:
-        values: fields that differ from the default scenario, by dotted name.
-    """
+    """A scenario, and the runs and the seed with which it is simulated."""
 
     name: str
     values: dict[str, Any] = field(hash=False)  # a dict has no hash, and ``motion_of`` needs one of the case
@@ -143,13 +136,7 @@ def motion_of(source: Source, case: Case) -> Motion:
 
 
 def same(one: Motion, other: Motion, words: str = "") -> None:
-    """Require that the three tables of two motions are equal, bit by bit; a table may be None in both.
-
-    Args:
-        words: what is compared; it is put before the error message.
-    Raises:
-        AssertionError: the motions differ; the first difference is named.
-    """
+    """Require that the three tables of two motions are equal, bit by bit; a table may be None in both."""
     for name in ("samples", "ends", "moves"):
         tables = [table for table in (getattr(one, name), getattr(other, name)) if table is not None]
         is_equal = not tables or (len(tables) == 2 and tables[0].equals(tables[1]))
@@ -157,11 +144,7 @@ def same(one: Motion, other: Motion, words: str = "") -> None:
 
 
 def ticks_of(values: pl.Series, scenario: Scenario) -> NDArray[np.int64]:
-    """Return times in s as whole numbers of ticks (control periods), in the same order.
-
-    Raises:
-        AssertionError: a time is not a whole number of ticks, within a thousandth of a tick.
-    """
+    """Return times in s as whole numbers of ticks (control periods), in the same order."""
     ticks = values.to_numpy().astype(float) / scenario.tick_s
     rounded = np.rint(ticks)
     # Times may be 32-bit floats, of 24 significant bits: their rounding error in these short cases is below 1e-3 ticks.

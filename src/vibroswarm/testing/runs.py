@@ -1,8 +1,4 @@
-"""Checks that apply to runs of any strategy and network, and the findings of checks.
-
-A check yields what is wrong, in words, or raises an error; a finding says whether the check has passed, and if not, the
-first thing that is wrong.
-"""
+"""Checks that apply to runs of any strategy and network (they yield what is wrong), and the findings of checks."""
 
 from __future__ import annotations
 
@@ -37,13 +33,7 @@ class Finding:
 
 
 def require(condition: object, words: str) -> None:
-    """Raise an error if a condition is false, as ``assert`` does, but also under ``python -O``.
-
-    Args:
-        words: the error message: what is wrong.
-    Raises:
-        AssertionError: the condition is false.
-    """
+    """Raise an error if a condition is false, as ``assert`` does, but also under ``python -O``."""
     if not condition:
         raise AssertionError(words)
 
@@ -53,21 +43,12 @@ Check = Callable[[Any], Iterator[str] | None]
 
 
 def run_checks(checks: Mapping[str, Check], subject: Any) -> list[Finding]:
-    """Run checks of a strategy, network, task or other subject, and return their findings in order.
-
-    Args:
-        checks: each is called with the subject; the key says what the check requires.
-    """
+    """Run checks of a strategy, network, task or other subject, and return their findings in order."""
     return [run_check(what, partial(check, subject)) for what, check in checks.items()]
 
 
 def run_check(what: str, check: Callable[[], Iterator[str] | None], *, is_warning: bool = False) -> Finding:
-    """Run a check, and return its finding; only the first problem is reported.
-
-    Args:
-        what: what the check requires. check: yields problems in words, or returns None; an error that it raises is a
-            problem too. is_warning: a failure is only a warning.
-    """
+    """Run a check, and return its finding; only the first problem is reported."""
     try:
         problem = next(check() or iter(()), "")
     except (AssertionError, InputError, RunError) as error:
@@ -82,14 +63,7 @@ Pieces = dict[str, Callable[[], Any]]
 
 
 def same_in_plain_python(kind: str, pieces_of: Callable[[str], Pieces], name: str) -> Iterator[str]:
-    """Check that another process, in plain Python and the opposite order, computes the same.
-
-    This finds what compiled code does otherwise, as with an index outside of an array, a memory of earlier calls, and
-    what is made when a file is loaded: random numbers, the time, a hash.
-
-    Args:
-        kind: of ``plugins.KINDS``. pieces_of: called with ``name`` in both processes. name: of the object.
-    """
+    """Check that another process, in plain Python and the opposite order, computes the same."""
     checked = plugins.KINDS[kind].known()[name]
     texts = plugins.texts_of([checked.code])
     if checked.is_own and not texts:  # registered by this program: another process does not know it

@@ -1,20 +1,15 @@
 """The event-driven engine: jumps from event to event, and does at each what the fixed-step engine does there.
 
 An event is a tick at which something may change: a sample falls due; a leg, a turn or a stop ends; a ray may be
-shorter than theta_c; or bodies may touch. Robots sleep until their next event. Robots that wake at a tick (the awake
-robots) catch up to it, and go through the same phases as in the fixed-step engine, by the same functions: sense,
-control, contact, sample. Then each plans: until which tick will nothing change? A robot that wakes too early only plans
-again; none wakes too late.
+shorter than theta_c; or bodies may touch. Robots that wake at a tick (the awake robots) catch up to it, and go
+through the same phases as in the fixed-step engine, by the same functions. Then each plans: until which tick will
+nothing change? A robot that wakes too early only plans again; none wakes too late. It wakes at
+``row.self_event_tick``, its own next event, or at ``row.lookahead_tick``, the first tick at which a wall or another
+robot may affect it.
 
-* A plan (``trajectory``) begins at ``row.tick``. It has one piece, or two if a robot drives and then stops to sample:
-  the drive, in ``World.planners``, and the stop, in ``World.stops``.
-* ``row.self_event_tick``: the robot's own next event. ``row.lookahead_tick``: the first tick at which a wall or another
-  robot may affect it. It wakes at the earlier of the two.
-* Positions between events are approximated by chords with a bound on the error (``lookahead``); exact positions are
-  computed only if the chord does not exclude an encounter.
-* A small swarm (at most SMALL_SWARM robots) compares all pairs; a larger one uses lists of neighbours.
-
-All functions change the arrays in ``world`` in place. ``i`` and ``j`` are numbers of robots.
+Positions between events are approximated by chords with a bound on the error (``lookahead``); exact positions are
+computed only if the chord does not exclude an encounter. A small swarm (at most SMALL_SWARM robots) compares all
+pairs; a larger one uses lists of neighbours.
 """
 
 from __future__ import annotations
@@ -111,19 +106,13 @@ def events(world: World, until: int) -> int:
 
 @inlined
 def awake_robot(world: World, k: int) -> int:
-    """Return the number of the ``k``-th awake robot.
-
-    Both numbers are unsigned as indices, so compiled code need not check for negative ones, which count from the end.
-    """
+    """Return the number of the ``k``-th awake robot; unsigned indices need no check for negative ones."""
     return np.int64(world.awake[np.uint64(k)])  # type: ignore[return-value]
 
 
 @inlined
 def stop(world: World, i: int, tick: int) -> None:
-    """Make robot ``i`` begin the stop that is the second piece of its plan.
-
-    Other robots' encounters with the standing robot were scheduled when the plan was made.
-    """
+    """Make robot ``i`` begin the stop that is the second piece of its plan."""
     row, record = world.planners[i], world.record
     begin_stop(row, world.setup, tick)
     if record.moves.size > 0:
@@ -135,16 +124,7 @@ def stop(world: World, i: int, tick: int) -> None:
 
 @inlined
 def wake_neighbours(world: World, count: int, tick: int) -> int:
-    """Bring the awake robots to ``tick``; also wake, and bring to ``tick``, moving robots that they might now block.
-
-    A robot's new plan may block another robot only if their centres are within the contact zone (``zone_m``). A
-    standing robot that wakes ends its stop, whose sample it took at the tick before; only robots that have failed stand
-    without a sample. ``sampled`` is 1 already at the start of a run, or if ``events`` recorded the sample at its end.
-
-    Args:
-        count: number of awake robots listed so far.
-    Returns: the new number of awake robots, which remain in the order of their numbers.
-    """
+    """Bring awake robots to ``tick``, wake moving robots that they might now block, and return how many are awake."""
     planners, setup = world.planners, world.setup
     k = 0
     while k < count:
@@ -176,10 +156,7 @@ def wake_neighbours(world: World, count: int, tick: int) -> int:
 
 @inlined
 def sample(world: World, i: int) -> None:
-    """Record robot ``i``'s sample at the end of its stop, and draw what changes at a sample (``refresh``).
-
-    This is called when the robot wakes, a tick after the sample, or when ``events`` ends: nothing needs it earlier.
-    """
+    """Record robot ``i``'s sample at the end of its stop, and draw what changes at a sample (``refresh``)."""
     end_stop(world.planners[i])
     tick = world.planners[i].sample_tick
     write_sample(world.record, world.planners, world.run, i, tick)
@@ -188,11 +165,7 @@ def sample(world: World, i: int) -> None:
 
 @inlined
 def step(world: World, count: int, tick: int) -> None:
-    """Simulate the awake robots at ``tick``, phase by phase, in the order of their numbers; begin their new plans.
-
-    Args:
-        count: number of awake robots.
-    """
+    """Simulate the awake robots at ``tick``, phase by phase, in the order of their numbers; begin their new plans."""
     planners, setup = world.planners, world.setup
     for k in range(count):
         i = awake_robot(world, k)
@@ -216,7 +189,7 @@ def step(world: World, count: int, tick: int) -> None:
 
 @inlined
 def write_move(world: World, i: int, tick: int) -> None:
-    """End robot ``i``'s current move and begin another if it does something else from ``tick``, its plan's tick, on."""
+    """End robot ``i``'s current move and begin another if it does something else from its plan's tick on."""
     record, row = world.record, world.planners[i]
     note_move(
         record.moves, record.under_way, record.filled, world.planners, i, world.setup, world.run, tick,
@@ -226,11 +199,7 @@ def write_move(world: World, i: int, tick: int) -> None:
 
 @inlined
 def nearest_now_m(world: World, i: int, tick: int) -> float:
-    """Return the shortest of robot ``i``'s rays at ``tick``, m; infinite if nothing is within ``look_m``.
-
-    The result is that of ``control_step.nearest_m``. Robots that are too far away are excluded by the approximate
-    distances that ``look_around`` has written into ``World.apart``.
-    """
+    """Return the shortest of robot ``i``'s rays at ``tick``, m; infinite if nothing is within ``look_m``."""
     planners, setup = world.planners, world.setup
     row = planners[i]
     x, y, reach = row.x_m, row.y_m, setup.ray_reach_m
@@ -253,12 +222,7 @@ def nearest_now_m(world: World, i: int, tick: int) -> float:
 
 @inlined
 def contact_now(world: World, i: int, tick: int) -> None:
-    """Block robot ``i``'s move from ``tick`` if the move would end in a wall or in another robot.
-
-    Robots move in the order of their numbers, as in ``control_step.contact``. Robots that move later read the position
-    after this move in ``from_x_m`` and ``from_y_m``. If the robot is far from walls and other robots, nobody reads
-    these, and the position before the move is left there.
-    """
+    """Block robot ``i``'s move from ``tick`` if the move would end in a wall or in another robot."""
     row, setup = world.planners[i], world.setup
     row.from_x_m, row.from_y_m = row.x_m, row.y_m
     if row.speed_m_s == 0.0:
@@ -277,9 +241,7 @@ def move_or_block(
 ) -> None:
     """Block robot ``i``'s move from ``tick`` if it would end in a wall or in another robot, else write where it ends.
 
-    The end of the move is written into ``from_x_m`` and ``from_y_m``. ``contact_now`` calls this function for a robot
-    close to a wall or to another robot. This is seldom needed, so the function is not inlined. It takes the arrays that
-    it needs instead of the many of ``World``, which a call would have to pass one by one.
+    This is seldom needed, so it is not inlined, and takes arrays instead of the many of ``World``.
     """
     row = planners[i]
     x, y, _, _, _ = along_arc(row, setup.tick_s)
@@ -297,10 +259,7 @@ def move_or_block(
 
 @inlined
 def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m: float, y_m: float) -> bool:
-    """Return whether robot ``i``, after a move from ``tick`` on that ends at (x_m, y_m), would overlap robot ``j``.
-
-    Robots move in the order of their numbers: robot ``j`` has already moved if its number is lower.
-    """
+    """Return whether robot ``i``, after a move from ``tick`` on that ends at (x_m, y_m), would overlap robot ``j``."""
     other = planners[j]
     # Every moving robot close enough to be touched is awake. If it has moved, it is at ``from_x_m``, ``from_y_m``.
     if j < i and other.tick == tick and other.mode != STOP:
@@ -313,10 +272,7 @@ def touches_now(planners: Planners, i: int, j: int, setup: Setup, tick: int, x_m
 
 @inlined
 def plan(world: World, i: int, tick: int) -> int:
-    """Plan robot ``i`` from ``tick`` to the next event that does not depend on other robots: its own, or at a wall.
-
-    Returns: 1 if its move is blocked, so that ``plan_blocked`` has to complete its plan; else 0.
-    """
+    """Plan robot ``i`` to its own next event or one at a wall; return 1 if its move is blocked, else 0."""
     row = world.planners[i]
     # The plan of a moving robot ends at the tick at which it fails, if not before.
     ahead = ticks_to_self_event(row, world.setup, min(HORIZON_TICKS, row.fails_tick - tick))
@@ -331,10 +287,7 @@ def plan(world: World, i: int, tick: int) -> int:
 
 @inlined
 def plan_until(world: World, i: int, tick: int, ahead: int) -> None:
-    """Make robot ``i``'s plan last for ``ahead`` ticks; set its chord, and ``lookahead_tick`` by the walls alone.
-
-    If the robot drives and the sample timer ends the plan, add the stop as the plan's second piece.
-    """
+    """Make robot ``i``'s plan last for ``ahead`` ticks; set its chord, and ``lookahead_tick`` by the walls alone."""
     row, setup = world.planners[i], world.setup
     row.self_event_tick = row.plan_end_tick = tick + ahead
     # The stop lasts until the tick after its sample (+ 1), at which the robot wakes. A robot that fails makes no stop.
@@ -351,10 +304,7 @@ def plan_until(world: World, i: int, tick: int, ahead: int) -> None:
 
 @inner
 def plan_blocked(world: World, count: int, tick: int) -> None:
-    """Complete the plans of the awake robots whose moves are blocked; all other robots have their plans by now.
-
-    If two robots block each other, each plan assumes that the other robot stays. The first to move on wakes the other.
-    """
+    """Complete the plans of the awake robots whose moves are blocked; all other robots have their plans by now."""
     for k in range(count):
         i = awake_robot(world, k)
         row = world.planners[i]

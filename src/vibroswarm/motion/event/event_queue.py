@@ -1,11 +1,9 @@
 """The queue of robots that wake: a key for each robot, in blocks of 16 robots.
 
-A robot's key is the tick at which it wakes, times 2^16, plus its number. So the smallest key holds both which robot
-wakes next and when; robots that wake at the same tick follow in the order of their numbers.
-
-``wakes`` has one row per block of 16 robots, shape (blocks, 17). The first entry is a lower bound on the keys of the
-block, the others are the keys of its robots; NEVER where there is no robot. While the robots of a tick wake one after
-the other, the bound ignores the keys of those that have woken, until ``set_wake`` sets new ones.
+A key is the tick at which a robot wakes, times 2^16, plus its number: robots that wake at the same tick follow in the
+order of their numbers. ``wakes`` has one row per block, (blocks, 17): a lower bound on its robots' keys, then the
+keys; NEVER where there is no robot. While the robots of a tick wake, the bound ignores the keys of those that have
+woken, until ``set_wake``.
 """
 
 from __future__ import annotations
@@ -54,11 +52,7 @@ def wake_by(wakes: NDArray[np.int64], i: int, tick: int) -> None:
 
 @inner
 def next_two_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
-    """Return the smallest and the second smallest key of a queue; NEVER for a key that does not exist.
-
-    If there is more than one block, return the smallest key twice: the second smallest would need another search,
-    which the caller starts only if it needs that key.
-    """
+    """Return the smallest and the second smallest key, or NEVER; the smallest twice if there is more than one block."""
     if wakes.shape[0] > 1:
         first = next_wake(wakes, robots, NOBODY)
         return first, first
@@ -72,15 +66,7 @@ def next_two_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
 
 @inner
 def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
-    """Return the smallest key above ``beyond``, NEVER if there is none.
-
-    ``beyond`` is the key of the last robot that woke: robots that wake at the same tick keep their keys until all of
-    them have woken.
-
-    The block with the smallest lower bound is sought. The bound was the key of one of its robots. If the bound is above
-    ``beyond`` and that robot still has this key, the key is the result. Otherwise the bound is set to the smallest key
-    of the block above ``beyond``, and the search is repeated.
-    """
+    """Return the smallest key above ``beyond``, the key of the last robot that woke; NEVER if there is none."""
     if wakes.shape[0] == 1:
         return least_of(wakes, 0, robots, beyond)
     while True:

@@ -84,10 +84,7 @@ class EventRun(KernelRun):
         )  # fmt: skip
 
     def move_on(self, until: int) -> int:
-        """Process all events before the tick ``until``, or until the buffers might overflow; return the tick reached.
-
-        A large swarm stops at the next multiple of LIST_TICKS, where its neighbour lists are updated by the next call.
-        """
+        """Process the events before the tick ``until``, or while the buffers have room; return the tick reached."""
         world = self.world()
         if self.swarm.size > SMALL_SWARM:
             if self.tick == 1 or self.tick % LIST_TICKS == 0:  # tick 1 is the first, with no lists yet

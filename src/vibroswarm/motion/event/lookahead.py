@@ -1,11 +1,8 @@
 """Looking ahead: up to which tick a robot surely meets no wall, or its blocked move surely stays blocked.
 
-The functions here and in ``pair_lookahead`` find the tick at which a robot has to be looked at again. That tick may be
-too early but is never too late: before it, no ray is shorter than theta_c and no move is blocked. Distances shrink at
-bounded rates, so each check shows for how many ticks no further check is needed (conservative advancement). What then
-happens at a tick is decided by the same functions as in the fixed-step engine. A robot's move is here its way from one
-tick to the next. The move at a tick is blocked if it would end in a wall or in another robot.
-``tests/exact/test_lookahead_bounds.py`` compares each bound with stepping through all ticks.
+The tick found may be too early but is never too late: before it, no ray is shorter than theta_c and no move is
+blocked. Distances shrink at bounded rates, so each check shows for how many ticks no further check is needed
+(conservative advancement). The move at a tick is blocked if it would end in a wall or in another robot.
 
 | name | unit | meaning |
 |---|---|---|
@@ -54,10 +51,7 @@ ROUNDING_M = 1e-12
 
 @inlined
 def set_chord(row: Planner, setup: Setup) -> None:
-    """Set the approximate position of a plan (mid, chord, position error), for other robots that look ahead on it.
-
-    For a driver, also set its pose at ``self_event_tick``, which is at least one tick after the plan's tick.
-    """
+    """Set the approximate position of a plan (mid, chord, position error), for other robots that look ahead on it."""
     set_standing(row)
     if row.mode == STOP:
         return
@@ -88,10 +82,7 @@ def set_standing(row: Planner) -> None:
 
 @inlined
 def maybe_within(row: Planner, x_m: float, y_m: float, distance_m: float, tick: int) -> bool:
-    """Return whether a robot may be within ``distance_m`` of the point (x_m, y_m) at ``tick``.
-
-    It is computed from the robot's chord: if False, the robot is certainly further away.
-    """
+    """Return whether a robot may be within ``distance_m`` of the point (x_m, y_m) at ``tick``."""
     bound_m = distance_m + row.position_error_m
     return bool(distance2_m2(row, x_m, y_m, tick) < bound_m * bound_m)
 
@@ -107,10 +98,7 @@ def distance2_m2(row: Planner, x_m: float, y_m: float, tick: int) -> float:
 
 @inlined
 def encounter_reach_m(row: Planner, setup: Setup, tick: int) -> float:
-    """Return a distance, m: robots further away at ``tick`` have no encounter with this robot before its plan ends.
-
-    The distance is the largest at which robots affect each other, plus the longest ways that both can move until then.
-    """
+    """Return a distance, m: robots further away at ``tick`` have no encounter with this robot before its plan ends."""
     reach_m: float = max(setup.zone_m, setup.sight_m)
     # This robot moves until ``self_event_tick``. The other one may move on during the stop that ends this robot's plan.
     own_m = (row.self_event_tick - tick) * row.max_step_m
@@ -125,10 +113,7 @@ def wall_clearance_m(setup: Setup, x_m: float, y_m: float) -> float:
 
 @inlined
 def avoidance_tick(row: Planner, setup: Setup) -> int:
-    """Return the first tick of a driver's plan at which it uses its rays.
-
-    After a turn, a robot ignores its rays for ``blind_ms`` of driving: until its driving time is ``sees_from_ms``.
-    """
+    """Return the first tick of a driver's plan at which it uses its rays."""
     # A plan is made after the step at ``row.tick``, so the next tick is the first at which rays can matter. The period
     # from ``row.tick`` to that tick is already in ``driven_ms``.
     if setup.blind_ms <= 0.0:
@@ -140,10 +125,7 @@ def avoidance_tick(row: Planner, setup: Setup) -> int:
 def ticks_until_closed(gap: float, approach: float, swerve: float) -> float:
     """Return a lower bound on the ticks until a gap closes; 0 if it is closed already, at most SIDE_TICKS.
 
-    Args:
-        gap: size of the gap now, m.
-        approach, swerve: see the module's table. After t ticks the gap is at least
-            ``gap - approach t - swerve t^2 / 2``; the result is the positive root of this expression.
+    After t ticks the gap is at least ``gap - approach t - swerve t^2 / 2``; the result is the positive root.
     """
     if gap <= 0.0:
         return 0.0
@@ -155,12 +137,9 @@ def ticks_until_closed(gap: float, approach: float, swerve: float) -> float:
 
 @inner
 def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, most: int) -> int:
-    """Return for how many ticks robot ``i``, whose move has just been blocked, surely stays blocked; at most ``most``.
+    """Return for how many ticks, at most ``most``, robot ``i``, whose move has been blocked, surely stays blocked.
 
-    This is a lower bound. The position of robot ``i`` stays, but its heading goes on turning, while the others follow
-    their plans. Another robot may change its plan early, but if it is then in the contact zone of robot ``i``, it wakes
-    robot ``i``. So only those robots count as blocking robot ``i`` that are in this zone until they change their plans:
-    those that stand or are blocked, and moving robots that stay in the zone from now until contact (``stays_near``).
+    Only robots that are in its contact zone until they change their plans count as blocking it: they wake it then.
     """
     row = planners[i]
     error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
@@ -209,10 +188,7 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
 def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
     """Return whether the moving robot ``other`` stays in the contact zone of the blocked robot ``row`` until contact.
 
-    The plan of ``other`` must lead to contact with ``row``. A straight line with both ends in a circle lies within that
-    circle. At contact, ``other`` is in the zone, so it is enough that it is in the zone at ``row.tick`` too. Its chord
-    is tested instead of its arc. The radius is reduced by twice the position error: the arc may deviate by that error
-    from the chord at contact, and again on the way there.
+    A line with both ends in a circle lies within it. The arc may deviate from it by the position error at both ends.
     """
     bound_m = setup.zone_m - 2.0 * other.position_error_m
     # The smaller circle must still be larger than that of contact, whose radius is two body radii.
@@ -223,11 +199,7 @@ def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
 
 @inlined
 def overlap_ticks(depth: float, shift: float) -> int:
-    """Return a lower bound on the number of ticks for which an overlap lasts; 0 if there is no overlap.
-
-    Args:
-        depth: how deep the overlap is now, m. shift: bound on the decrease of this depth per tick, m.
-    """
+    """Return a lower bound on the number of ticks for which an overlap lasts; 0 if there is no overlap."""
     if depth <= 0.0:
         return 0
     # At least 1: the overlap exists at the present tick.
@@ -240,10 +212,7 @@ SAG_ROUNDING_M = 1e-9
 
 @inlined
 def wall_tick(row: Planner, setup: Setup) -> int:
-    """Return the first tick of a plan at which a wall may affect the robot; NEVER if there is no such tick.
-
-    A wall affects a robot if a driver's ray detects it, or if a move would end in it.
-    """
+    """Return the first tick of a plan at which a wall may affect the robot; NEVER if there is no such tick."""
     if row.mode == STOP:
         return NEVER
     inset = setup.radius_m + setup.longest_step_m
@@ -268,11 +237,7 @@ def wall_tick(row: Planner, setup: Setup) -> int:
 
 @inner
 def turn_at_walls(row: Planner, setup: Setup) -> int:
-    """Return the first tick at which the move of a robot that turns close to a wall may end in the wall, else NEVER.
-
-    A robot uses no rays while it turns, so only its moves matter. Single ticks are checked. After each check, those
-    ticks are skipped that the robot needs at least to reach the wall.
-    """
+    """Return the first tick at which the move of a robot that turns close to a wall may end in it, else NEVER."""
     tick = row.tick + 1
     # The move that begins at ``self_event_tick`` belongs to the next plan. If ``max_step_m`` is 0, the robot's centre
     # stays, so no move ends in a wall.
@@ -289,14 +254,7 @@ def turn_at_walls(row: Planner, setup: Setup) -> int:
 
 @inner
 def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
-    """Return the first tick at which a driver may detect a wall by a ray, or its move may end in one, else NEVER.
-
-    Walls far from the bounding boxes (``reach_box``) at both ends of the plan are excluded; the others are checked at
-    single ticks.
-
-    Args:
-        inset: distance from a wall, m, below which the next move may be blocked.
-    """
+    """Return the first tick at which a driver may detect a wall by a ray, or its move may end in one, else NEVER."""
     left, right, low, high = reach_box(row, setup, inset, row.x_m, row.y_m, row.sin_h, row.cos_h)
     end_left, end_right, end_low, end_high = reach_box(
         row, setup, inset, row.end_x_m, row.end_y_m, row.end_sin_h, row.end_cos_h
@@ -337,11 +295,7 @@ def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
 def reach_box(
     row: Planner, setup: Setup, inset: float, x_m: float, y_m: float, sin_h: float, cos_h: float
 ) -> tuple[float, float, float, float]:
-    """Return the bounding box (left, right, low, high, m) of a driver's rays and body at a pose.
-
-    A wall outside the box does not affect the driver. The rays are ``look_m`` long. The body is taken as the square
-    that reaches ``inset`` m to each side of its centre (x_m, y_m).
-    """
+    """Return the bounding box (left, right, low, high, m) of a driver's rays and body at a pose."""
     left, right, low, high = x_m - inset, x_m + inset, y_m - inset, y_m + inset
     for k in range(setup.ray_side_m.size):
         along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
@@ -361,17 +315,9 @@ def reach_box(
 def free_ticks_to_wall(
     row: Planner, setup: Setup, inset: float, distance_m: float, toward: float, aside: float, looks: bool
 ) -> float:
-    """Return a lower bound on the ticks until a ray detects a wall, or the wall is nearer to the robot than ``inset``.
+    """Return a lower bound on the ticks until a ray detects a wall, or it is nearer to the robot than ``inset``.
 
-    It is 0 if that is so now. A ray detects the wall within ``look_m`` if and only if the point at that length of the
-    ray, or its start, is beyond the wall.
-
-    Args:
-        distance_m: from the robot's centre to the wall.
-        toward: cosine of the angle between heading and the wall's normal; 1 if the robot faces the wall.
-        aside: sine of that angle. A point (a, b) in the robot's frame (ahead, left) is nearer to the wall than the
-            robot's centre by ``a * toward - b * aside``.
-        looks: whether rays matter; if not, only the body is checked.
+    ``toward`` and ``aside`` are cosine and sine of the angle between heading and the wall's normal.
     """
     step = row.speed_m_s * setup.tick_s
     bend = row.rate_rad_s * setup.tick_s

@@ -1,16 +1,11 @@
 """Neighbours: the robots that each robot might meet soon, and approximate distances to them.
 
-In a small swarm (at most SMALL_SWARM robots) all others are neighbours at all times. In a large one, lists of
-neighbours are updated every LIST_TICKS ticks, by means of a grid of cells: before the next update, two robots further
-apart than ``list_radius_m`` can neither see nor touch each other, whatever they do.
+In a small swarm (at most SMALL_SWARM robots) all others are neighbours. In a large one, lists are updated every
+LIST_TICKS ticks, by a grid of cells: until then, two robots further apart than ``list_radius_m`` can neither see nor
+touch each other. ``near`` has one row per robot: the number of its neighbours, then their numbers, ascending.
 
-``near``, the lists, has one row per robot: the number of its neighbours, then their numbers in ascending order. The
-entries are unsigned, so that compiled code need not check for negative indices.
-
-``Places`` holds copies of the plans of a small swarm as columns of LANES numbers, one per robot, so that the processor
-computes the distances from a robot to several others at a time. ``mid``, ``chord``, ``tick``, ``position_error_m``,
-``self_event_tick`` and ``plan_end_tick`` are as in ``PLANNER``; ``minded_m`` is the distance within which another robot
-may affect this one, m. A lane without a robot has the position infinity.
+``Places`` holds copies of the plans of a small swarm as columns of LANES numbers, so that the processor computes
+several distances at a time. A lane without a robot has the position infinity.
 """
 
 from __future__ import annotations
@@ -57,8 +52,7 @@ def store_plan(places: Places, i: int, row: Planner, setup: Setup) -> None:
 
 @inlined
 def minded_m(row: Planner, setup: Setup) -> float:
-    """Return the distance within which another robot may affect this one, m: the contact zone, or for a driver, which
-    uses its rays, the larger of contact zone and sight."""
+    """Return the distance within which another robot may affect this one, m: contact zone or a driver's sight."""
     return float(max(setup.zone_m, setup.sight_m) if row.mode == DRIVE else setup.zone_m)
 
 
@@ -66,17 +60,9 @@ def minded_m(row: Planner, setup: Setup) -> float:
 def measure_all(
     places: Places, apart: NDArray[np.float64], robots: int, i: int, x_m: float, y_m: float, tick: int
 ) -> tuple[float, float]:
-    """Write the squared distances from robot ``i``, at (x_m, y_m), to all robots into ``apart[i, 1:]``, m^2.
+    """Write squared distances to all robots, m^2, into ``apart[i, 1:]``; return the smallest and the largest error.
 
-    Column 0 of ``apart`` is for the largest error of the row (``world.within2``). The other columns are at least the
-    number of robots, rounded up to a multiple of 4.
-
-    They are distances to the approximate positions at ``tick``; the distance to robot ``i`` itself is infinite. The
-    position of robot ``i`` in ``places`` is then set to (x_m, y_m), with error 0, so that calls for other robots at the
-    same tick use it.
-
-    Returns: the smallest squared distance, m^2 (infinite if there is no other robot), and the largest position error
-        of the others, m.
+    The distance to itself is infinite. Its place is set to (x_m, y_m), error 0, for later calls at the tick.
     """
     places.mid_x_m[i], places.position_error_m[i] = math.inf, 0.0  # infinitely far from itself
     own_row = apart[i]
@@ -102,12 +88,8 @@ def measure_meetings(
 ) -> None:
     """Write margins into ``apart[i, 1:]``, m^2: a robot whose margin is above 0 has no encounter with robot ``i``.
 
-    An encounter is a tick at which one of two robots may affect the other. The margin is the smallest squared distance
-    between the chords of the two from ``tick`` on, while both plans last, minus the square of the distance within which
-    they may affect each other (position errors included). The margin of robot ``i`` itself is infinite.
-
-    Args:
-        row: robot ``i``'s row, with a plan that begins at ``tick``.
+    The margin is the smallest squared distance between the two chords while both plans last, minus the square of the
+    distance within which they may affect each other (position errors included).
     """
     own_row = apart[i]
     x_m, y_m, chord_x_m, chord_y_m = row.mid_x_m, row.mid_y_m, row.chord_x_m, row.chord_y_m
@@ -140,10 +122,7 @@ def measure_meetings(
 
 @inlined
 def nearest_on_way2(x: float, y: float, dx: float, dy: float, span: float) -> float:
-    """Return the smallest squared distance of a moving point from the origin within ``span`` ticks.
-
-    The point starts at (x, y) and moves by (dx, dy) per tick.
-    """
+    """Return the smallest squared distance of a moving point from the origin within ``span`` ticks."""
     # The time at which the point would be nearest if it always moved on this line, clipped to [0, span].
     ticks = min(max(-(x * dx + y * dy) / (dx * dx + dy * dy + AT_REST_M2), 0.0), span)
     x, y = x + ticks * dx, y + ticks * dy
@@ -180,10 +159,7 @@ def most_listed(robots: int, setup: Setup) -> int:
 
 
 def empty_lists(robots: int, setup: Setup) -> NDArray[np.uint32]:
-    """Return new lists of neighbours (``near``), shape (robots, 1 + most_listed).
-
-    In a small swarm they list all other robots and never change. In a large one they are empty until ``update_lists``.
-    """
+    """Return lists of neighbours, (robots, 1 + most_listed): of all others in a small swarm, else empty."""
     room = most_listed(robots, setup)
     lists = np.zeros((robots, room + 1), dtype=np.uint32)
     if robots <= SMALL_SWARM:
@@ -206,11 +182,7 @@ def neighbour(near: NDArray[np.uint32], i: int, m: int) -> int:
 
 
 def empty_grid(robots: int, setup: Setup) -> NDArray[np.int64]:
-    """Return scratch memory for ``update_lists``, which sets it: a linked list of robots for each cell of a grid.
-
-    Its shape is (cells + robots,). ``update_lists`` sets the entry of a cell to the first robot in it, the entry
-    ``cells + i`` to the next robot in the cell of robot ``i``, and -1 at the end of a list.
-    """
+    """Return scratch memory, (cells + robots,): the first robot of each cell, then each robot's next; -1: none."""
     across, up = grid_size(setup["width_m"], setup["height_m"], list_radius_m(setup))
     cells = across * up
     return np.zeros(cells + robots, dtype=np.int64)
@@ -218,11 +190,7 @@ def empty_grid(robots: int, setup: Setup) -> NDArray[np.int64]:
 
 @kernel
 def grid_size(width_m: float, height_m: float, radius_m: float) -> tuple[int, int]:
-    """Return the numbers of columns and rows of a grid of cells that covers the arena.
-
-    No side of a cell is shorter than ``radius_m``, so that neighbours are in the same cell or in adjacent ones. (An
-    arena that is smaller than the radius has one cell.)
-    """
+    """Return the numbers of columns and rows of cells, of sides of at least ``radius_m``, that cover the arena."""
     across = min(max(int(width_m / radius_m), 1), MOST_CELLS)
     up = min(max(int(height_m / radius_m), 1), MOST_CELLS)
     return across, up
@@ -237,13 +205,7 @@ def update_lists(
     radius_m: float,
     tick: int,
 ) -> None:
-    """Write the lists of all robots' neighbours at ``tick`` into ``near``.
-
-    The positions at ``tick`` are stored in the rows' ``from_x_m`` and ``from_y_m``.
-
-    Args:
-        grid: scratch memory (``empty_grid``). radius_m: distance up to which robots are neighbours.
-    """
+    """Write the lists of all robots' neighbours into ``near``, and positions at ``tick`` into ``from_...``."""
     across, up = grid_size(setup.width_m, setup.height_m, radius_m)
     cells = across * up
     grid[:cells] = -1
@@ -259,10 +221,7 @@ def update_lists(
 
 @inner
 def cell_of(planners: Planners, i: int, setup: Setup, across: int, up: int) -> int:
-    """Return the number of the cell in which robot ``i`` is, counted row by row; ``across`` columns, ``up`` rows.
-
-    The robot's position is read from ``from_x_m`` and ``from_y_m``, where ``update_lists`` has stored it.
-    """
+    """Return the number of the cell in which robot ``i`` is, counted row by row; ``across`` columns, ``up`` rows."""
     # Clipped, so that no rounding error of a position leads out of the grid.
     column = min(max(int(planners[i].from_x_m / setup.width_m * across), 0), across - 1)
     row = min(max(int(planners[i].from_y_m / setup.height_m * up), 0), up - 1)
@@ -274,13 +233,7 @@ def update_list(
     planners: Planners, near: NDArray[np.uint32], grid: NDArray[np.int64], setup: Setup,
     radius_m: float, across: int, up: int, i: int,
 ) -> None:  # fmt: skip
-    """Write the list of robot ``i``'s neighbours: the robots within the radius, from its own and the adjacent cells.
-
-    A row of ``near`` has room for all of them (``most_listed``).
-
-    Args:
-        grid: linked lists of the robots in each cell (``empty_grid``), with ``across`` columns and ``up`` rows.
-    """
+    """Write the list of robot ``i``'s neighbours: the robots within the radius, from its own and the adjacent cells."""
     cell = cell_of(planners, i, setup, across, up)
     row, column = cell // across, cell % across
     count = 0
@@ -298,10 +251,7 @@ def update_list(
 
 @inner
 def insert(numbers: NDArray[np.integer[Any]], count: int, j: int) -> int:
-    """Insert ``j`` into the first ``count`` numbers; return 1, or 0 if it is already among them.
-
-    These numbers are in ascending order and remain so. ``numbers`` must have room for one more.
-    """
+    """Insert ``j`` into the first ``count`` numbers; return 1, or 0 if it is already among them."""
     place = count
     while place > 0 and numbers[place - 1] >= j:
         place -= 1

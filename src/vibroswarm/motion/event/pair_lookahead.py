@@ -1,11 +1,8 @@
 """Looking ahead on two pieces of plans: the first tick at which one robot may detect the other, or be blocked by it.
 
-Such a tick is called an encounter. ``lookahead`` explains the method (conservative advancement) and the terms: chord,
-position error, gap, approach, swerve, sight, zone. ``a`` and ``b`` are rows of two robots, each with one piece of its
-plan. A robot detects another if one of its rays, ``look_m`` long, meets the other's disc; only drivers use their rays.
-
-The module ``engine`` explains plans, their pieces, and how robots wake. All functions change the arrays in ``world`` in
-place. ``i`` and ``j`` are numbers of robots.
+Such a tick is called an encounter. ``lookahead`` explains the method and the terms. ``a`` and ``b`` are rows of two
+robots, each with one piece of its plan. A robot detects another if one of its rays, ``look_m`` long, meets the
+other's disc; only drivers use their rays.
 """
 
 from __future__ import annotations
@@ -42,11 +39,7 @@ CONTACT_M = 1e-9
 
 @inlined
 def may_encounter(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
-    """Return whether two pieces may have an encounter from ``tick`` on, while both last, judging by their chords.
-
-    This is a cheap test, with position errors included: if False, there is certainly no encounter; if True,
-    ``encounter_tick`` has to decide.
-    """
+    """Return False if two pieces certainly have no encounter from ``tick`` on, judging by their chords."""
     # (x, y): position of a relative to b at ``tick``; (dx, dy): its change per tick.
     x = a.mid_x_m + (tick - a.tick) * a.chord_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
     y = a.mid_y_m + (tick - a.tick) * a.chord_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
@@ -73,16 +66,7 @@ def passes_by(
 ) -> bool:
     """Return whether another robot surely stays out of reach of a driver's rays and body.
 
-    That is so if the other robot is ahead of this reach all the time, or behind it, or to one side of it. Relative to
-    the driver, and judging by the chords, the other robot moves on a straight line; so it is enough that both ends of
-    the line are on the same side. The driver's heading differs from the direction of its chord by at most half of the
-    angle that it turns.
-
-    Args:
-        row: the driver.
-        x, y: position of the other relative to the driver at the beginning, in the world's axes, m.
-        end_x, end_y: the same at the end.
-        slack: sum of the position errors of the two, m.
+    By the chords it moves on a straight line relative to the driver, so both ends on one side of the reach suffice.
     """
     half_turn = 0.5 * abs(row.rate_rad_s) * (row.self_event_tick - row.tick) * setup.tick_s
     # No point of the reach is further from the driver's centre than the ``max`` below, so a deviation of the heading by
@@ -116,10 +100,7 @@ def stops_before(a: Planner, b: Planner) -> bool:
 
 @inlined
 def comes_within(x: float, y: float, dx: float, dy: float, span: int, far: float) -> bool:
-    """Return whether a point comes within the distance ``far`` of the origin in the next ``span`` ticks.
-
-    The point starts at (x, y) and moves by (dx, dy) per tick.
-    """
+    """Return whether a point comes within the distance ``far`` of the origin in the next ``span`` ticks."""
     beyond = x * x + y * y - far * far
     closing = -(x * dx + y * dy)
     # If the point moved on for ever, its smallest squared distance would exceed far^2 by beyond - closing^2 / speed^2.
@@ -133,12 +114,8 @@ def comes_within(x: float, y: float, dx: float, dy: float, span: int, far: float
 
 @inner
 def encounter_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool) -> tuple[int, bool, bool]:
-    """Return the first tick after ``tick`` at which one of two robots may detect the other or be blocked by it.
-
-    Args:
-        a_first: whether ``a`` moves before ``b`` in a tick.
-    Returns: the tick, NEVER if there is none while both pieces last; whether ``a`` is affected; whether ``b`` is.
-    """
+    """Return the first tick after ``tick`` at which one of two robots may affect the other, or NEVER; which is
+    affected."""
     if a.mode == STOP and b.mode == STOP:
         return NEVER, False, False
     last = min(a.self_event_tick, b.self_event_tick)
@@ -191,17 +168,13 @@ def is_turning(row: Planner) -> bool:
 
 @inlined
 def sees_from(row: Planner, setup: Setup) -> int:
-    """Return the first tick at which a robot may detect another: ``avoidance_tick`` for a driver, NEVER for others,
-    which use no rays."""
+    """Return the first tick at which a robot may detect another: ``avoidance_tick`` of a driver, NEVER of others."""
     return avoidance_tick(row, setup) if row.mode == DRIVE else NEVER
 
 
 @inlined
 def chord_clear_ticks(a: Planner, b: Planner, reach: float, tick: int) -> float:
-    """Return a lower bound on the ticks from ``tick`` until two robots are within the distance ``reach``, m.
-
-    It is computed from their chords and position errors: 0 if they may be that close now, 1e9 if they never are.
-    """
+    """Return a lower bound on the ticks from ``tick`` until two robots are within the distance ``reach``, m."""
     # (x, y): position of a relative to b at ``tick``; (dx, dy): its change per tick.
     x = a.mid_x_m + (tick - a.tick) * a.chord_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
     y = a.mid_y_m + (tick - a.tick) * a.chord_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
@@ -232,18 +205,10 @@ def pair_clear_ticks(
     a_looks: bool,
     b_looks: bool,
 ) -> tuple[float, float, float]:
-    """Return lower bounds on the ticks from ``tick`` on until two robots affect each other in one of three ways.
+    """Return lower bounds on the ticks until ``a`` detects ``b``, until ``b`` detects ``a``, and until they touch.
 
-    The three bounds are: until ``a`` detects ``b``, until ``b`` detects ``a``, and until a move of one of them ends in
-    the other. Each of the first two is 0 if the robot detects the other now. The third is below 1 if a move that begins
-    at ``tick`` may end in the other robot.
-
-    Args:
-        a_first: whether ``a`` moves before ``b`` in a tick.
-        roughly: whether a turning robot is taken as a point within ``position_error_m`` of its pivot, which is cheaper
-            than its exact position and mostly precise enough.
-        a_looks, b_looks: whether to compute the bound on detection for this robot, which must be a driver; if not, that
-            bound is SIDE_TICKS.
+    The third is below 1 if a move that begins at ``tick`` may end in the other robot. ``roughly``: a turning robot is
+    taken as a point within ``position_error_m`` of its pivot, which is cheaper.
     """
     # step, bend: a driver's way (m) and angle (rad) in a tick. slack: bound on the error of the positions, m. creep:
     # bound on how fast turning robots, whose directions are not computed, come nearer, m per tick.
@@ -311,11 +276,7 @@ def pair_clear_ticks(
 
 @inlined
 def about(row: Planner, setup: Setup, tick: int, roughly: bool) -> tuple[float, float, float, float]:
-    """Return a robot's position at a tick within its plan, m, m, and sine and cosine of its heading.
-
-    For a robot that does not drive, sine and cosine are always 0 and 1: it uses no rays. If ``roughly``, the position
-    of a turning robot is its pivot.
-    """
+    """Return a robot's position at a tick, m, m, and sine and cosine of its heading; 0 and 1 if it does not drive."""
     if row.mode == DRIVE:
         x_m, y_m, _, sin_h, cos_h = along_arc(row, (tick - row.tick) * setup.tick_s)
         return x_m, y_m, sin_h, cos_h
@@ -331,19 +292,10 @@ def ticks_until_seen(
     x_m: float, y_m: float, dx: float, dy: float,
     slack: float, creep: float, swerve: float,
 ) -> float:  # fmt: skip
-    """Return a lower bound on the ticks until one of a robot's rays, each ``look_m`` long, meets another robot's disc.
+    """Return a lower bound on the ticks until one of a robot's rays meets another robot's disc, at most SIDE_TICKS.
 
-    It is 0 if a ray meets the disc now, and at most SIDE_TICKS. The distance of a point from a ray is a convex function
-    of the point, so while the point moves, it falls by no more than its present gradient says.
-
-    Args:
-        forward_m: how far ahead of the robot's centre its rays start. sin_h, cos_h: of the robot's heading.
-        bend: the robot's turn rate, rad per tick.
-        x_m, y_m: position of the other robot relative to this one, in the world's axes, m.
-        dx, dy: velocity of the other robot relative to this one, in the world's axes, m per tick.
-        slack: bound on the error of that position, m.
-        creep: bound on the increase of that error, m per tick.
-        swerve: bound on the other robot's acceleration in the turning frame of this one, m per tick^2.
+    The distance of a point from a ray is convex, so while the point moves it falls by no more than its gradient says.
+    ``bend`` is in rad per tick; ``dx``, ``dy`` and ``creep`` in m per tick; ``swerve`` in m per tick^2.
     """
     # The other robot's position and velocity in the frame of this one.
     ahead, left = x_m * cos_h + y_m * sin_h, y_m * cos_h - x_m * sin_h
@@ -368,11 +320,7 @@ def ticks_until_seen(
 
 @inner
 def blocks_at(first: Planner, second: Planner, setup: Setup, tick: int) -> bool:
-    """Return whether, by their plans, the move of one of two robots that begins at ``tick`` would end in the other.
-
-    ``first`` moves before ``second``. Its position after the move is compared with the position of ``second`` before
-    its move (then ``first`` is blocked), and after its move (then ``second`` is blocked).
-    """
+    """Return whether the move of one of two robots at ``tick`` ends in the other; ``first`` moves before ``second``."""
     # False: at exact positions, also of turning robots. Sine and cosine are not needed.
     there_x, there_y, _, _ = about(second, setup, tick, False)
     next_x, next_y, _, _ = about(second, setup, tick + 1, False)
@@ -392,10 +340,7 @@ Numba would compile the called function once more."""
 
 @inlined
 def schedule_encounters(world: World, i: int, tick: int) -> None:
-    """Schedule the first tick after ``tick`` at which robot ``i`` and another robot could sense or touch each other.
-
-    This is done for each other robot that may come near before robot ``i``'s plan ends.
-    """
+    """Schedule the first tick after ``tick`` at which robot ``i`` and another robot could sense or touch each other."""
     planners, setup = world.planners, world.setup
     row = planners[i]
     reach_m = encounter_reach_m(row, setup, tick)
@@ -421,11 +366,7 @@ def schedule_encounters(world: World, i: int, tick: int) -> None:
 
 @inlined
 def schedule_pair(world: World, i: int, j: int, tick: int) -> None:
-    """Schedule the first encounter of robots ``i`` and ``j`` after ``tick`` in each pair of pieces of their plans.
-
-    The pairs are: the two present pieces; and, if one robot stops to sample while the other still moves, that stop and
-    the present piece of the other.
-    """
+    """Schedule the first encounter of robots ``i`` and ``j`` after ``tick`` in each pair of pieces of their plans."""
     a, b = world.planners[i], world.planners[j]
     if may_encounter(a, b, world.setup, tick):
         # Robots move in the order of their numbers: robot i is first if i < j.
@@ -449,14 +390,7 @@ def schedule(
     planners: Planners, wakes: NDArray[np.int64], a: Planner, b: Planner, i: int, j: int, setup: Setup, tick: int,
     a_first: bool,
 ) -> None:  # fmt: skip
-    """Schedule the first tick after ``tick`` at which two robots may affect each other.
-
-    A robot that may be affected wakes at that tick at the latest.
-
-    Args:
-        a: the piece of robot ``i``'s plan that is considered. b: the piece of robot ``j``'s plan.
-        a_first: whether robot ``i`` moves before robot ``j``.
-    """
+    """Schedule the first tick after ``tick`` at which two robots may affect each other."""
     encounter, affects_i, affects_j = encounter_tick(a, b, setup, tick, a_first)
     if affects_i:
         wake_no_later_than(planners, wakes, i, encounter)
@@ -475,11 +409,7 @@ def wake_no_later_than(planners: Planners, wakes: NDArray[np.int64], i: int, tic
 
 @kernel
 def new_lists(world: World, grid: NDArray[np.int64], radius_m: float, tick: int) -> None:
-    """Update the neighbour lists of a large swarm at ``tick``, and schedule the encounters of all neighbours.
-
-    Args:
-        grid: scratch memory (``neighbours.empty_grid``). radius_m: distance up to which robots are neighbours.
-    """
+    """Update the neighbour lists of a large swarm at ``tick``, and schedule the encounters of all neighbours."""
     update_lists(world.planners, world.near, grid, world.setup, radius_m, tick)
     for i in range(world.planners.size):
         for m in range(neighbour_count(world.near, i)):

@@ -52,14 +52,9 @@ def turn_command(setup: Setup, error_deg: float, integral_deg_s: float) -> float
 def turn_ahead(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, most: int
 ) -> tuple[int, float, float, float]:
-    """Simulate a turn until just before the step that ends it, for at most ``most`` ticks.
+    """Return n >= 1 ticks, at most ``most``, to a turn's end; error (deg), integral (deg s), gyro just before it.
 
     Steps at full command, and those of the last part of a turn (``is_tail``), are taken several at a time.
-
-    Args:
-        gain: turn gain G. error_deg, integral_deg_s: state of the turn after the latest step.
-    Returns: the number of ticks n (at least 1) to the step that ends the turn; and error (deg), integral (deg s) and
-        gyro (deg per tick) just before that step. If the turn does not end within ``most`` ticks, n is ``most``.
     """
     dt_s = setup.tick_s
     command = turn_command(setup, error_deg, integral_deg_s)
@@ -93,8 +88,6 @@ def turn_ahead(
 def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, command: float) -> bool:
     """Return whether ``tail_ahead`` may simulate the rest of a turn, sixteen steps at a time.
 
-    Two conditions must hold:
-
     * The command stays below full, so that steps are linear. Error and integral have the same sign, so the error falls
       towards 0. In a step, the integral adds at most Ki dt e to the command c = Kp e + Ki I, and the falling error
       takes Kp G c, at least Kp^2 G e, away from it. So the command falls if Ki dt <= Kp^2 G.
@@ -119,16 +112,10 @@ def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, 
 def tail_ahead(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, n: int, most: int
 ) -> tuple[int, float, float]:
-    """Simulate the last part of a turn from tick ``n`` to just before the step that ends it, at most to tick ``most``.
+    """Return the tick before the step that ends a turn, from ``n``, at most ``most``; error (deg), integral (deg s).
 
-    A step is linear there, (e, I) <- M (e, I), and the error falls until the turn ends. So if the error is above the
-    tolerance after sixteen steps, it was above it in all of them. Sixteen steps are then taken at once, by M^16; after
-    these, four at once, by M^4; and then single ones.
-
-    A step that takes the error across the whole tolerance, to the other side, counts as the end of the turn too: the
-    robot wakes at this step, goes on turning, and plans again.
-
-    Returns: the tick reached, the error (deg) and the integral (deg s).
+    A step is linear here, (e, I) <- M (e, I), and the error falls until the turn ends: if it is above the tolerance
+    after sixteen steps, it was in all of them. So sixteen are taken at once, by M^16; then four; then single ones.
     """
     # M = (a b; c d): the first row gives the new error, e - G (Kp e + Ki I); the second row gives I + dt times the new
     # error. a2 to d2 are the elements of M^2, and so on.
@@ -169,10 +156,7 @@ def square(a: float, b: float, c: float, d: float) -> tuple[float, float, float,
 def saturated_ticks(
     setup: Setup, gain: float, error_deg: float, integral_deg_s: float, command: float, most: int
 ) -> int:
-    """Return a number of ticks for which the command surely stays full and the turn does not end, at most ``most``.
-
-    This is a lower bound; it is 0 if the command is below full.
-    """
+    """Return a lower bound on the ticks, at most ``most``, for which the command stays full and the turn goes on."""
     if abs(command) < 100.0:
         return 0
     # By symmetry, compute with a positive command. ``beyond``: by how much the command is above 100 % before clipping.
@@ -261,12 +245,7 @@ STRAIGHT_RAD_S: Final = 1e-8
 
 @inlined
 def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
-    """Return the number of ticks from a plan's tick to the step at which the sample timer interrupts a robot.
-
-    The timer interrupts at the first step that finds it above the sample interval. NEVER if it may not interrupt this
-    mode, or if it is not above the interval yet and does not run in this mode. ``timer_ms`` already includes the
-    control period of the plan's tick.
-    """
+    """Return the ticks until the sample timer interrupts a robot; NEVER if it may not, or does not run in this mode."""
     if state_mode == AVOID and not setup.interrupts_avoidance:
         return NEVER
     if timer_ms > setup.sample_interval_ms:
@@ -279,28 +258,16 @@ def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
 
 @inlined
 def ticks_to_sample(setup: Setup, stopped_ms: int) -> int:
-    """Return the number of ticks until a robot that has stood for ``stopped_ms`` samples; it moves one tick later.
-
-    At least 1, even for stops of 0 ms: the step that begins a stop takes no sample.
-    """
+    """Return the number of ticks until a robot that has stood for ``stopped_ms`` samples; it moves one tick later."""
     return max(1, math.ceil((setup.stop_ms - stopped_ms) / setup.tick_ms))
 
 
 @inlined
 def ticks_to_self_event(row: Planner, setup: Setup, horizon: int) -> int:
-    """Return the number of ticks from the plan's tick to the robot's own next event.
+    """Return the number of ticks from the plan's tick to the robot's own next event, a step at which its plan ends.
 
-    The event is the first control step at which the robot's plan no longer holds. In all modes the result is the
-    tick of that step minus ``row.tick``, so the step itself is counted and the step at ``row.tick`` is not.
-
-    - A robot that has failed stands for good. Its only event is the tick at which it falls silent. Once it is silent
-      there is no further event: the result is ``NEVER_FAILS - row.tick``, which puts the event at tick NEVER_FAILS.
-    - A robot that stands to sample has its event one tick after the sample, when it moves on.
-    - A robot that drives or turns has its event at the end of the leg or turn, at the interrupt by the sample timer, or
-      after ``horizon`` ticks, whichever is first.
-
-    Sets ``row.sample_tick`` of a standing robot, NEVER_FAILS if it has failed and so takes no sample. For a turning
-    robot it sets ``end_turn_ticks``, ``end_error_deg``, ``end_integral_deg_s`` and ``end_gyro_deg``.
+    Also set the row's ``sample_tick`` (NEVER_FAILS if it takes none), and ``end_...`` of a turning robot. The event
+    of a failed robot is the tick at which it falls silent.
     """
     if row.failed:
         row.sample_tick = NEVER_FAILS
@@ -329,10 +296,7 @@ def ticks_to_self_event(row: Planner, setup: Setup, horizon: int) -> int:
 
 @inlined
 def begin_plan(row: Planner, setup: Setup, tick: int) -> None:
-    """Begin a plan at ``tick`` with the mode, speed and turn rate that the robot's step has just set in its row.
-
-    Sets the arc's radius, a turn's gain and the longest step. The end of the plan is set later (``engine.plan``).
-    """
+    """Begin a plan at ``tick`` with the mode, speed and turn rate that the robot's step has just set in its row."""
     row.tick, row.blocked = tick, 0
     row.end_turn_ticks = row.cached_ticks = 0
     if row.mode == DRIVE:
@@ -358,10 +322,7 @@ def block(row: Planner) -> None:
 
 @inlined
 def turned_to(row: Planner, setup: Setup, n: int) -> tuple[float, float, float]:
-    """Return error (deg), integral (deg s) and gyro (deg) of a turn ``n`` ticks after the plan's tick.
-
-    They are those just before the step at that tick; ``n`` is at least 1.
-    """
+    """Return error (deg), integral (deg s) and gyro (deg) of a turn just before the ``n``-th step after the plan's."""
     if n == row.end_turn_ticks:  # the end of the plan, for which they were computed when the plan was made
         return row.end_error_deg, row.end_integral_deg_s, row.end_gyro_deg
     _, error_deg, integral_deg_s, gyro_deg = turn_ahead(
@@ -379,11 +340,7 @@ def pose_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, float]
 
 @inlined
 def facing_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, float, float, float]:
-    """Return (x_m, y_m, heading_rad, sin_h, cos_h) of a robot at a tick within its plan; the heading is not wrapped.
-
-    A driver's tick must lie in the first piece of its plan, the drive. When its stop begins, the row becomes that of a
-    standing robot (``begin_stop``).
-    """
+    """Return (x_m, y_m, heading_rad, sin_h, cos_h) of a robot at a tick within its plan; the heading is not wrapped."""
     n = tick - row.tick
     if n == 0 or row.mode == STOP:
         return row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h
@@ -407,10 +364,7 @@ def position_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float]:
 
 @inner
 def position_in_turn(row: Planner, setup: Setup, tick: int) -> tuple[float, float]:
-    """Return the position of a turning robot at a tick within the plan, m, m.
-
-    The state of the turn at that tick is cached in the row, so that later ticks are computed from there.
-    """
+    """Return the position of a turning robot at a tick, m, m; the turn's state there is cached in the row."""
     n = tick - row.tick
     if n == 0 or row.blocked:  # a blocked robot turns, but its position stays
         return row.x_m, row.y_m
@@ -433,11 +387,7 @@ def position_in_turn(row: Planner, setup: Setup, tick: int) -> tuple[float, floa
 
 @inlined
 def turned_by(row: Planner, angle_deg: float) -> tuple[float, float, float, float, float]:
-    """Return (x_m, y_m, heading_rad, sin_h, cos_h) of a robot that has turned by ``angle_deg`` since its plan's tick.
-
-    The robot turns in place: its centre moves on a circle of radius ``radius_m``, which is 0 for a blocked robot. Sine
-    and cosine of the new heading follow from those of the old heading by the addition theorem.
-    """
+    """Return (x_m, y_m, heading_rad, sin_h, cos_h) of a robot that has turned by ``angle_deg`` in its plan."""
     turned = math.radians(angle_deg)
     sine, cosine = sin_cos(turned)
     heading = row.heading_rad + turned
@@ -478,10 +428,7 @@ def sinc(angle_rad: float) -> float:
 
 @inlined
 def blocked_drive_end(row: Planner, setup: Setup, ticks: int) -> tuple[float, float]:
-    """Return where a blocked driver's move of one tick would end, if it began ``ticks`` after its plan's tick, m, m.
-
-    The robot has stayed at its position, but its heading has gone on turning.
-    """
+    """Return where a blocked driver's move of one tick, ``ticks`` after its plan's tick, would end, m, m."""
     half = 0.5 * row.rate_rad_s * setup.tick_s  # half of the angle that the robot turns in a tick
     # A move along an arc ends where its chord does. The chord's direction is the heading in the middle of the move,
     # which is ``ticks`` + 1/2 ticks after the plan's tick: by then the robot has turned by 2 ticks + 1 such halves.
@@ -493,12 +440,7 @@ def blocked_drive_end(row: Planner, setup: Setup, ticks: int) -> tuple[float, fl
 
 @inlined
 def blocked_turn_end(row: Planner, setup: Setup, turned_deg: float, gyro_deg: float) -> tuple[float, float]:
-    """Return where the next move, of one tick, of a blocked robot that turns in place would end, m, m.
-
-    Args:
-        turned_deg: angle turned from the plan's tick to the beginning of this move.
-        gyro_deg: angle that the robot turns in this move.
-    """
+    """Return where the next move, of one tick, of a blocked robot that turns in place would end, m, m."""
     half = 0.5 * math.radians(gyro_deg)
     sine, cosine = sin_cos(math.radians(turned_deg) + half)
     # Radius of the circle on which the robot's centre would move.
@@ -513,8 +455,7 @@ def blocked_turn_end(row: Planner, setup: Setup, turned_deg: float, gyro_deg: fl
 def catch_up(row: Planner, setup: Setup, tick: int) -> None:
     """Bring the row of a robot that drives or turns to a later ``tick``, to its state just before the step there.
 
-    Changed are pose, clocks, the state of a turn, and the ticks spent in the mode. The clocks (sample timer and driving
-    time) gain one period less than has passed, since the step at the plan's tick counted its own period already.
+    The clocks gain one period less than has passed: the step at the plan's tick counted its own period already.
     """
     n = tick - row.tick
     passed_ms = (n - 1) * setup.tick_ms
@@ -543,10 +484,7 @@ def catch_up(row: Planner, setup: Setup, tick: int) -> None:
 
 @inlined
 def stops_at(row: Planner, setup: Setup, tick: int) -> bool:
-    """Return whether a robot that wakes at ``tick`` only begins the stop that is the second piece of its plan.
-
-    The sample timer is checked again, in case rounding put the end of the plan a tick too early.
-    """
+    """Return whether a robot that wakes at ``tick`` only begins the stop that is the second piece of its plan."""
     due_ms = row.timer_ms + (tick - row.tick - 1) * setup.tick_ms
     return bool(
         row.plan_end_tick > row.self_event_tick
@@ -557,11 +495,7 @@ def stops_at(row: Planner, setup: Setup, tick: int) -> bool:
 
 @inlined
 def begin_stop(row: Planner, setup: Setup, tick: int) -> None:
-    """Make a driver begin its planned stop at ``tick``, the end of its drive.
-
-    All that is used of a standing robot's row is set as by ``catch_up``, ``control_one`` and a new plan, but in less
-    time. The robot samples at the tick before its plan ends.
-    """
+    """Make a driver begin its planned stop at ``tick``, the end of its drive."""
     passed_ms = (tick - row.tick - 1) * setup.tick_ms
     row.timer_ms += passed_ms
     row.driven_ms += passed_ms
@@ -580,11 +514,7 @@ def begin_stop(row: Planner, setup: Setup, tick: int) -> None:
 
 @inlined
 def plan_stop(stop: Planner, row: Planner) -> None:
-    """Write the second piece of a driver's plan: the stop after its drive, so that other robots can look ahead on it.
-
-    Args:
-        stop: row of the second piece, written; its mode is STOP already, and its chord is 0. row: the driver's row.
-    """
+    """Write the second piece of a driver's plan, the stop after its drive, on which other robots look ahead."""
     # The search for encounters begins at the tick after ``stop.tick``; it is to begin at the first tick of the stop.
     stop.tick, stop.self_event_tick = row.self_event_tick - 1, row.plan_end_tick
     stop.mid_x_m, stop.mid_y_m = row.end_x_m, row.end_y_m
@@ -592,10 +522,7 @@ def plan_stop(stop: Planner, row: Planner) -> None:
 
 @inlined
 def end_stop(row: Planner) -> None:
-    """Bring the row of a standing robot to the tick of its sample, which ends its stop, and count the sample.
-
-    Its gyro reads 0, as it has stood still.
-    """
+    """Bring the row of a standing robot to the tick of its sample, which ends its stop, and count the sample."""
     row.stop_ticks += row.sample_tick - row.tick
     row.gyro_deg = 0.0
     row.tick, row.sampled = row.sample_tick, 1

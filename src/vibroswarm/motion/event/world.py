@@ -53,11 +53,8 @@ class World(NamedTuple):
 
 @inlined
 def is_within(row: Planner, x_m: float, y_m: float, distance_m: float, setup: Setup, tick: int) -> bool:
-    """Return whether a robot is within ``distance_m`` of the point (x_m, y_m) at ``tick``.
-
-    The robot's approximate position is tested first, as its exact position takes longer to compute. If even with the
-    largest error of the approximation the robot is too far away, the exact position is not needed.
-    """
+    """Return whether a robot is within ``distance_m`` of (x_m, y_m) at ``tick``; its approximate position comes
+    first."""
     if not maybe_within(row, x_m, y_m, distance_m, tick):
         return False
     there_x, there_y = position_at(row, setup, tick)
@@ -67,11 +64,8 @@ def is_within(row: Planner, x_m: float, y_m: float, distance_m: float, setup: Se
 
 @inlined
 def look_around(world: World, i: int, tick: int) -> bool:
-    """Compute the approximate distances from robot ``i`` to others; return whether one may be in its contact zone.
-
-    Writes robot ``i``'s row of ``World.apart``, and its ``clearance_m``, a lower bound on the exact distances (infinite
-    if there are no others).
-    """
+    """Write robot ``i``'s row of ``World.apart`` and its ``clearance_m``; return whether one may be in its contact
+    zone."""
     row = world.planners[i]
     # Robot i's plan has ended at ``tick``, and its next plan is made later. Until then its approximate position, which
     # other robots read at this tick, is the exact one: ``row.tick`` is ``tick``, so the old plan's chord adds nothing.
@@ -90,8 +84,7 @@ def look_around(world: World, i: int, tick: int) -> bool:
 
 @inlined
 def candidate_count(planners: Planners, near: NDArray[np.uint32], i: int) -> int:
-    """Return the number of distances in robot ``i``'s row of ``apart``; a small swarm's include the robot itself, with
-    an infinite distance."""
+    """Return the number of distances in robot ``i``'s row of ``apart``; a small swarm's include the robot itself."""
     return planners.size if planners.size <= SMALL_SWARM else neighbour_count(near, i)
 
 
@@ -103,11 +96,7 @@ def candidate(planners: Planners, near: NDArray[np.uint32], i: int, m: int) -> i
 
 @inlined
 def within2(apart: NDArray[np.float64], i: int, distance_m: float) -> float:
-    """Return a threshold for the squared approximate distances in robot ``i``'s row of ``apart``, m^2.
-
-    A robot may be within ``distance_m`` of robot ``i`` only if its entry in that row is below the threshold. With e,
-    the largest error of the distances in that row, the threshold is (``distance_m`` + e)^2.
-    """
+    """Return (``distance_m`` + e)^2, m^2, e the largest error in row ``i``: only robots below it may be within."""
     bound_m = distance_m + apart[i, 0]
     return float(bound_m * bound_m)
 
@@ -116,11 +105,7 @@ def within2(apart: NDArray[np.float64], i: int, distance_m: float) -> float:
 def measure_listed(
     planners: Planners, near: NDArray[np.uint32], apart: NDArray[np.float64], i: int, tick: int
 ) -> tuple[float, float]:
-    """Write the squared approximate distances from robot ``i`` to its neighbours into ``apart[i, 1:]``, m^2.
-
-    Returns: the smallest squared distance, m^2 (infinite without neighbours), and the largest position error of the
-        neighbours, m.
-    """
+    """Write squared distances to neighbours, m^2, into ``apart[i, 1:]``; return the smallest, and the largest error."""
     row = planners[i]
     nearest2, error = math.inf, 0.0
     for m in range(neighbour_count(near, i)):

@@ -45,8 +45,7 @@ def arc_between(
 ) -> tuple[float, float, float]:
     """Return speed (m/s), turn rate (rad/s) and residual (m) of the arc from one pose to another, ``dt_s`` later.
 
-    If the chord is at most a tenth of the arc's length, as after nearly whole turns or after many turns, the speed is
-    set to 0, and the residual includes the chord.
+    If the chord is at most a tenth of the arc's length, the speed is 0, and the residual includes the chord.
     """
     turned = to_heading_rad - heading_rad
     half = 0.5 * turned
@@ -63,12 +62,7 @@ def arc_between(
 
 @inner
 def fit_period(swarm: Swarm, setup: Setup) -> None:
-    """Set each robot's speed and turn rate to those of an arc through its poses at the two ends of a control period.
-
-    A driver that has gone less than ``STUCK`` of its commanded way counts as blocked.
-
-    The pose one period ago is in ``from_x_m``, ``from_y_m`` and ``from_heading_rad``.
-    """
+    """Set speed and turn rate to the arc of a period; a driver that went less than ``STUCK`` of its way is blocked."""
     for i in range(swarm.size):
         row = swarm[i]
         least_m_s = STUCK * row.speed_m_s
@@ -80,13 +74,7 @@ def fit_period(swarm: Swarm, setup: Setup) -> None:
 
 @inner
 def note_fitted_move(record: Record, swarm: Swarm, setup: Setup, run: int, tick: int, i: int) -> None:
-    """Extend robot ``i``'s current move by the control period that began at ``tick``, or begin another move.
-
-    Another move begins if the robot does something else, or if one arc no longer fits (see the module's text).
-
-    Args:
-        swarm: the robots at the end of the period, after ``fit_period``.
-    """
+    """Extend robot ``i``'s current move by the control period that began at ``tick``, or begin another move."""
     row, under_way = swarm[i], record.under_way
     # As in ``moves.note_move``: the same number as long as the robot does the same thing. ``blocked`` is left out:
     # it is always 0 in MuJoCo's runs.

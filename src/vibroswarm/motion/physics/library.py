@@ -1,7 +1,6 @@
 """Access to MuJoCo: its module, loaded when first needed, and its C functions for kernels.
 
-Kernels get the functions as arguments (ctypes function pointers): compiled code that contains their addresses as
-constants could not be cached on disk, as addresses change. Pointers among their arguments are passed as integers.
+Kernels get them as arguments: code that contains their addresses as constants could not be cached on disk.
 """
 
 from __future__ import annotations
@@ -35,11 +34,7 @@ class Calls(NamedTuple):
 
 @cache
 def mujoco() -> Any:
-    """Return the module ``mujoco``, with its warnings turned off: runs read and report them themselves.
-
-    Raises:
-        InputError: MuJoCo is not installed.
-    """
+    """Return the module ``mujoco``, with its warnings turned off: runs read and report them themselves."""
     try:
         import mujoco as module
     except ImportError:
@@ -55,11 +50,7 @@ def mujoco() -> Any:
 
 @cache
 def calls() -> Calls:
-    """Load MuJoCo's shared library; return its functions for kernels.
-
-    Raises:
-        InputError: MuJoCo is not installed, or there is no library in the folder of its module.
-    """
+    """Load MuJoCo's shared library; return its functions for kernels."""
     folder = Path(mujoco().__file__).parent
     # Libraries of Linux (.so.VERSION), and of macOS and Windows (.dylib, .dll).
     files = sorted(folder.glob("*mujoco*.so*")) + sorted(folder.glob("*mujoco*.d*l*"))
@@ -74,7 +65,6 @@ def calls() -> Calls:
 
 
 def _function(library: ctypes.CDLL, name: str) -> Any:
-    """Return a function of the library, with the types of its result and arguments set."""
     function = getattr(library, name)
     function.restype, *function.argtypes = SIGNATURES[name]
     return function

@@ -1,8 +1,4 @@
-"""The distance sensors of robots in MuJoCo, and the end of a control period.
-
-Rays meet walls and the discs that stand for other robots. They are computed by MuJoCo (``mj_ray``), and only for robots
-that have a wall or a robot within reach.
-"""
+"""The distance sensors of robots in MuJoCo (``mj_ray``), and the end of a control period."""
 
 from __future__ import annotations
 
@@ -71,10 +67,7 @@ def stand(swarm: Swarm) -> None:
 
 @inner
 def freeze(world: World, swarm: Swarm, tick: int) -> None:
-    """Undo the motion of the control period at ``tick``, in which MuJoCo warned, and make all robots stand for good.
-
-    The poses after that period cannot be trusted. The steps of the robots' programs and the samples at ``tick`` remain.
-    """
+    """Undo the motion of the control period at ``tick``, in which MuJoCo warned, and make all robots stand for good."""
     world.frozen[0] = 1
     for i in range(swarm.size):
         row = swarm[i]
@@ -87,11 +80,7 @@ def freeze(world: World, swarm: Swarm, tick: int) -> None:
 
 @inner
 def sees_something(swarm: Swarm, setup: Setup, i: int) -> bool:
-    """Return whether a wall or another robot may be within reach of robot ``i``'s rays.
-
-    Both distances of ``setup`` are from the robot's centre: no ray sees a wall at ``ray_reach_m`` or farther, nor a
-    robot whose centre is at ``sight_m`` or farther. ``sight_m`` is ``ray_reach_m`` plus the radius of a robot's disc.
-    """
+    """Return whether a wall or another robot may be within reach of robot ``i``'s rays."""
     row, reach_m = swarm[i], setup.ray_reach_m
     if row.x_m < reach_m or row.y_m < reach_m:
         return True
@@ -106,10 +95,7 @@ def sees_something(swarm: Swarm, setup: Setup, i: int) -> bool:
 
 @inner
 def shortest_ray_m(world: World, swarm: Swarm, setup: Setup, i: int, k: int) -> float:
-    """Return the shortest ray of the cone of robot ``i``'s distance sensor ``k``, m.
-
-    It is infinite if no ray hits anything, and 0 if the sensor is outside the arena or within another robot's disc.
-    """
+    """Return the shortest ray of the cone of robot ``i``'s sensor ``k``, m; infinite: none hits; 0: inside a body."""
     row = swarm[i]
     # The sensor's position and, further down, its axis in the arena.
     ahead_x, ahead_y = math.cos(row.heading_rad), math.sin(row.heading_rad)
@@ -142,11 +128,7 @@ def shortest_ray_m(world: World, swarm: Swarm, setup: Setup, i: int, k: int) -> 
 
 @inner
 def sense(world: World, swarm: Swarm, setup: Setup) -> None:
-    """Set ``nearest_mm``, the length of the shortest ray, of each robot whose program reads it at this tick.
-
-    ``nearest_mm`` is infinite while a robot ignores its rays after a turn (``is_blind``), and if nothing is within
-    ``look_m``. Where the program does not read it, the old value stays.
-    """
+    """Set ``nearest_mm``, the length of the shortest ray, of each robot whose program reads it at this tick."""
     placed = False  # whether MuJoCo's geoms have been moved to the robots' present positions
     for i in range(swarm.size):
         if setup.blind_ms > 0.0 and is_blind(swarm, i):
@@ -172,12 +154,7 @@ def end_period(
     run: int,
     tick: int,
 ) -> None:
-    """End the control period at ``tick``: record moves, and count each robot's time in its mode.
-
-    Args:
-        warned: whether MuJoCo has warned in this period. If so, the period is undone, and the robots stand from its
-            beginning on.
-    """
+    """End the control period at ``tick``: record moves and times in each mode; if MuJoCo ``warned``, undo it."""
     if world.frozen[0]:
         stand(swarm)
     elif warned:

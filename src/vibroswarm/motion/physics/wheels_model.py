@@ -52,10 +52,7 @@ def walls_xml(scenario: Scenario) -> str:
 
 
 def target_xml(scenario: Scenario) -> str:
-    """Return the geom that rays see of a robot: a disc without mass that touches nothing.
-
-    Empty if the disc's radius is 0: rays then do not see robots.
-    """
+    """Return the geom that rays see of a robot, a disc without mass that touches nothing; empty if its radius is 0."""
     disc_m = scenario.rays.disc_radius_m
     if disc_m <= 0.0:
         return ""
@@ -123,16 +120,7 @@ first, then the right one: the order of a robot's motors."""
 
 
 def wheels_xml(scenario: Scenario, step_s: float, group: int | None = None) -> str:
-    """Return MuJoCo's model of a scenario as a text in MJCF.
-
-    Parts of MuJoCo that the model does not need are disabled, to save time. So is MuJoCo's automatic reset after an
-    error: runs handle MuJoCo's warnings themselves.
-
-    Args:
-        step_s: duration of a step of MuJoCo, s.
-        group: number of robots of a group (``groups``); None: the model of the whole swarm. Models of groups have no
-            accelerometers, which the robots' program does not read.
-    """
+    """Return MuJoCo's model, in MJCF, of a scenario or of a ``group`` of robots, without what it does not need."""
     robots = scenario.swarm.robots if group is None else group
     accelerometer = '<accelerometer site="imu{0}"/>' if group is None else ""
     # "Islands" make MuJoCo solve the contacts of bodies that do not touch each other separately.

@@ -64,12 +64,7 @@ def half_extents(heading_rad: Floats, size_m: tuple[float, float]) -> Floats:
 
 
 def overlap(one: Floats, other: Floats, size_m: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Return how deep pairs of rectangles overlap, and the direction in which one of a pair is soonest free.
-
-    Args:
-        one, other: poses, (pairs, 3). size_m: of all of them.
-    Returns: depths, (pairs,), and unit vectors from ``other`` to ``one``, (pairs, 2).
-    """
+    """Return how deep pairs of rectangles overlap, (pairs,), and unit vectors from ``other`` to ``one``, (pairs, 2)."""
     depth, direction = np.full(len(one), np.inf), np.zeros((len(one), 2))
     for side_rad in (one[:, 2], one[:, 2] + math.pi / 2, other[:, 2], other[:, 2] + math.pi / 2):
         axis = np.stack([np.cos(side_rad), np.sin(side_rad)], axis=-1)
@@ -82,13 +77,7 @@ def overlap(one: Floats, other: Floats, size_m: tuple[float, float]) -> tuple[Fl
 
 
 def with_room(poses: Floats, size_m: tuple[float, float], arena_m: tuple[float, float]) -> Floats:
-    """Move rectangles that overlap each other or a wall apart, and return their poses; the others stay bit by bit.
-
-    Args:
-        poses: (robots, 3). arena_m: its width and height.
-    Raises:
-        InputError: they do not fit into the arena.
-    """
+    """Move rectangles that overlap each other or a wall apart, and return their poses; others stay bit by bit."""
     poses = poses.copy()
     first, second = np.triu_indices(len(poses), k=1)
     reach = half_extents(poses[:, 2], size_m)
@@ -121,19 +110,13 @@ WARNINGS: Final = {
 
 
 class WheelsRun(KernelRun):
-    """A run of robots on wheels in MuJoCo (``MotionState``).
-
-    ``model`` and ``data`` are MuJoCo's; ``world`` holds views of their memory for kernels.
-    """
+    """A run of robots on wheels in MuJoCo (``MotionState``)."""
 
     cone_rad: ClassVar[tuple[float, ...]] = CONE_RAD
     """Directions of the rays of a distance sensor, relative to its axis, rad."""
 
     def prepare(self) -> None:
-        """Compile the models, and allocate MuJoCo's data, with views of their memory for kernels.
-
-        There are models of the whole swarm and of groups of 1, 2, ..., LARGEST robots (``groups``).
-        """
+        """Compile the models, and allocate MuJoCo's data, with views of their memory for kernels."""
         self.steps = math.ceil(self.tick_ms / STEP_MS)  # MuJoCo's steps per control period
         self.step_s = self.scenario.tick_s / self.steps
         self.model: Any = mujoco().MjModel.from_xml_string(wheels_xml(self.scenario, self.step_s))
@@ -178,10 +161,7 @@ class WheelsRun(KernelRun):
         self.place()
 
     def move_on(self, until: int) -> int:
-        """Simulate up to the tick ``until``, or until the buffers might overflow; return the tick reached.
-
-        Also stops after a period in which MuJoCo warns: the run has then failed, with a warning to the user.
-        """
+        """Simulate up to ``until``, full buffers, or a period in which MuJoCo warns; return the tick reached."""
         reached = wheels_steps(
             self.world, self.wheels, self.swarm, self.setup, self.speeds, self.record,
             self.seed, self.run, self.tick, until,
@@ -200,11 +180,7 @@ class WheelsRun(KernelRun):
         return sum((data.warning.number for data in self.group_data), start=self.data.warning.number)
 
     def place(self) -> None:
-        """Set MuJoCo's state, which has just been reset, to the robots' poses, with magnets on and all velocities 0.
-
-        Starts are those of all sources of motion, for discs. Robots whose corners would be in a wall or in each other
-        are moved apart.
-        """
+        """Set MuJoCo's state, which has just been reset, to the robots' poses, with magnets on and all velocities 0."""
         robots, arena = self.scenario.swarm.robots, self.scenario.arena
         poses = np.column_stack([self.swarm[name] for name in ("x_m", "y_m", "heading_rad")])
         apart = with_room(poses, (LENGTH_M, WIDTH_M), (arena.width_m, arena.height_m))

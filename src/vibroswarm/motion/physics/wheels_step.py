@@ -46,10 +46,7 @@ REST: Final = 1e-4
 
 
 class Model(NamedTuple):
-    """MuJoCo's model and data of some or all robots, as kernels use them.
-
-    In each array except ``warnings``, all robots have the same number of entries, in the order of robots.
-    """
+    """MuJoCo's model and data of some or all robots, as kernels use them; arrays are in the order of robots."""
 
     model: int
     """Address of MuJoCo's structure of the model."""
@@ -73,12 +70,7 @@ class Model(NamedTuple):
 
 @inner
 def set_groups(swarm: Swarm, gap_m: float, first: NDArray[np.int64]) -> int:
-    """Group the robots by distance; return the size of the largest group.
-
-    Args:
-        gap_m: robots nearer than this, centre to centre, are in one group.
-        first: shape (robots,), written: for each robot the lowest number of a robot in its group.
-    """
+    """Write the lowest number of each robot's group to ``first``, (robots,); return the size of the largest group."""
     robots = swarm.size
     for i in range(robots):
         first[i] = i
@@ -102,13 +94,7 @@ def set_groups(swarm: Swarm, gap_m: float, first: NDArray[np.int64]) -> int:
 
 @inner
 def members_of(first: NDArray[np.int64], i: int, members: NDArray[np.int64]) -> int:
-    """Write the numbers of the robots in a group into ``members``; return the group's size.
-
-    Args:
-        first: as written by ``set_groups``.
-        i: lowest number of a robot in the group. If no group has this lowest number, the result is 0.
-        members: shape (robots,); entries after the group's are left as they are.
-    """
+    """Write the numbers of a group's robots, lowest ``i``, into ``members``; return how many, 0 if there is none."""
     size = 0
     for j in range(first.size):
         if first[j] == i:
@@ -131,9 +117,9 @@ def copy_robot(source: Model, i: int, target: Model, j: int) -> None:
 
 @inner
 def rests(model: Model, i: int) -> bool:
-    """Return whether robot ``i`` is at rest: the target speeds of its motors are 0, and all its velocities below REST.
+    """Return whether robot ``i`` is at rest: target speeds 0, velocities below REST.
 
-    A robot with a velocity that is nan is not at rest, so that it is stepped and MuJoCo warns.
+    It is not with a velocity that is nan, so that it is stepped and MuJoCo warns.
     """
     # Numbers of entries per robot. A robot's first two controls are the target speeds of its motors.
     controls, speeds = model.control.size // model.robots, model.qvel.size // model.robots
@@ -186,11 +172,7 @@ def yaw_rad(qpos: NDArray[np.float64], place: int) -> float:
 
 @inner
 def step_group(world: World, group: Model, swarm: Swarm, members: NDArray[np.int64]) -> None:
-    """Step a model through one control period, and add the angles that its gyros read to the robots' ``gyro_deg``.
-
-    Args:
-        group: the model. members: number in the swarm of each of its robots.
-    """
+    """Step a model through one control period, and add the angles that its gyros read to the robots' ``gyro_deg``."""
     sensors = group.sensors.size // group.robots  # per robot; the third is the gyro's vertical axis
     for _ in range(world.steps):
         world.calls.step(group.model, group.data)
@@ -200,10 +182,7 @@ def step_group(world: World, group: Model, swarm: Swarm, members: NDArray[np.int
 
 @inner
 def step_apart(world: World, wheels: Wheels, swarm: Swarm, size: int) -> None:
-    """Step a group of robots, the first ``size`` of ``wheels.members``, through one control period in its own model.
-
-    The group's state is copied into that model and back. If all its robots are at rest, nothing is done.
-    """
+    """Step a group of robots, the first ``size`` of ``wheels.members``, through one control period in its own model."""
     whole, part, members = wheels.all, wheels.groups[size - 1], wheels.members
     controls = whole.control.size // whole.robots
     all_rest = True
@@ -222,11 +201,7 @@ def step_apart(world: World, wheels: Wheels, swarm: Swarm, size: int) -> None:
 
 @inner
 def move_wheels(world: World, wheels: Wheels, swarm: Swarm, setup: Setup) -> None:
-    """Let MuJoCo move the robots through one control period.
-
-    Then set their poses, their gyro readings, and the speeds and turn rates that they actually had. Groups of robots
-    are stepped in separate models, unless one has more than LARGEST robots: then all are stepped together.
-    """
+    """Let MuJoCo move the robots through one control period."""
     turn_wheels(wheels, swarm, setup)
     for i in range(swarm.size):
         swarm[i].gyro_deg = 0.0
@@ -271,14 +246,7 @@ def wheels_steps(
     tick: int,
     until: int,
 ) -> int:
-    """Simulate from ``tick`` up to ``until``, or until the buffers of ``record`` might overflow.
-
-    Also stops after a period in which MuJoCo warns: from the beginning of that period on, the robots stand.
-
-    Args:
-        speeds: ``robot_params.speed_quantiles``.
-    Returns: the tick reached.
-    """
+    """Simulate up to ``until``, full buffers, or a period in which MuJoCo warns; return the tick reached."""
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
         sense(world, swarm, setup)

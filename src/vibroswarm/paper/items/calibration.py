@@ -1,8 +1,7 @@
 """Item 2: recordings and simulations compared: six similarities, error rates, battery.
 
-A session is one run. The recordings are three sessions, so simulated sessions are compared in sets of three, and the
-set is the independent unit. The null is the similarity of uniformly spread values to the recordings, the ceiling that
-of a perfect simulation.
+The recordings are three sessions, so simulated ones are compared in sets of three: the set is the independent unit.
+The null is the similarity of uniform values to the recordings, the ceiling that of a perfect simulation.
 """
 
 from __future__ import annotations
@@ -91,7 +90,6 @@ def _printed(feature: str) -> float:
 
 
 def _measure(made: Made, column: str, real: Result, simulated: Result) -> list[dict[str, Any]]:
-    """Measure the claims about similarities; return the similarity of each feature with its limits over sets."""
     real_sessions = by_session(real)
     simulated_sessions = by_session(seen_through(simulated, camera_between(real, simulated)))
     (claim,) = (claim for claim in all_claims() if claim.id == "calibration-ours")
@@ -161,7 +159,7 @@ def _similarities(comparisons: dict[str, Comparison]) -> pl.DataFrame:
 
 
 def _distances(comparisons: dict[str, Comparison]) -> pl.DataFrame:
-    """Return effect sizes of energy distances, and the accuracy of a classifier, beside those of real against real."""
+    """Return effect sizes of energy distances and a classifier's accuracy, beside those of real against real."""
     rows = []
     for source, comparison in comparisons.items():
         measures = [(WORDS[one.feature], one.distance, one.real_distance) for one in comparison.likenesses]

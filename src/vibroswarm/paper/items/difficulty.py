@@ -30,14 +30,7 @@ _PAPER_ONES: Final = 48
 
 @dataclass(frozen=True)
 class Entry:
-    """One number of the paper's table.
-
-    Args:
-        pattern: name of the floor, as in ``source.NAMES``. measure: "Moran index" or "entropy".
-        printed: the number in the paper.
-        as_the_paper: the number computed as the paper did, on the floor that it used and with N_v = 48.
-        right: the correct number, on the floor of the stated fill ratio and with its true N_v.
-    """
+    """One number of the paper's table."""
 
     pattern: str
     measure: str

@@ -16,11 +16,7 @@ def preset_names() -> list[str]:
 
 
 def preset_text(name: str) -> str:
-    """Return the TOML text of a preset.
-
-    Raises:
-        InputError: there is no such preset; the nearest name is suggested.
-    """
+    """Return the TOML text of a preset."""
     check_choice(name, "preset", FILES)
     return FILES[name].read_text(encoding="utf-8")
 

@@ -1,7 +1,4 @@
-"""Item 11: density of samples in the corners, for P0, with the sample timer as it is and frozen in avoidance.
-
-The density is the number of samples on an area over that of uniformly spread samples.
-"""
+"""Items 9 and 11: an example run with its paths, and the density of samples in the corners, for P0, by sample timer."""
 
 from __future__ import annotations
 
@@ -14,11 +11,27 @@ import polars as pl
 from vibroswarm.paper.claims import mean
 from vibroswarm.paper.columns import EMPIRICAL, scenario_of
 from vibroswarm.paper.item import Drawn, Made, Work
-from vibroswarm.plots import draw_density
+from vibroswarm.plots import draw_density, draw_run
 from vibroswarm.simulation import simulate
 from vibroswarm.statistics.intervals import columns_of, mean_interval
 
-MOST_RUNS: Final = 200
+
+def example_run(work: Work, made: Made) -> None:
+    """Simulate run 0 with its paths, and average the estimates of all runs."""
+    rows = []
+    for column in work.settings.columns:
+        cells = work.cells["example-run", column]
+        for place, cell in enumerate(cells.cells):
+            estimate = cells.by_run(place, "estimate")
+            row = {"column": column, **cell.texts, "runs": estimate.size}
+            rows.append(row | columns_of("estimate", mean_interval(estimate)) | {"sd": estimate.std()})
+    made.tables["estimates"] = pl.DataFrame(rows, infer_schema_length=None)
+    scenario = work.cells["example-run", work.settings.columns[0]].cells[-1].scenario
+    result = simulate(scenario, work.settings.seed, 1, poses=True)
+    made.pictures["example-run"] = Drawn("Paths and samples of seven robots", partial(draw_run, result))
+
+
+CORNER_RUNS: Final = 200
 BINS: Final = 20
 TIMERS: Final = {
     "as it ran": {},
@@ -27,9 +40,9 @@ TIMERS: Final = {
 }
 
 
-def compute(work: Work, made: Made) -> None:
+def corners(work: Work, made: Made) -> None:
     """Simulate where robots sample, with each timer."""
-    runs, rows = min(work.settings.runs, MOST_RUNS), []
+    runs, rows = min(work.settings.runs, CORNER_RUNS), []
     for place, column in enumerate(work.settings.columns):
         corners = {}
         for timer, values in TIMERS.items():

@@ -1,18 +1,15 @@
-"""Fields of ``[change]``: how the floor changes during a run; by default it stays as it is.
-
-Either at given times, to another floor each, or at random, with a rate. ``floors.changes`` draws the changes, and
-docs/floors.md says what a right answer is then.
-"""
+"""Fields of ``[change]`` and ``[faults]``: how the floor changes during a run, and which robots fail."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Final, Self
+from typing import Annotated, Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.numbers import stated
@@ -58,7 +55,6 @@ class Change(FrozenModel):
     @field_validator("at_s", "to", mode="before")
     @classmethod
     def _listed(cls, value: object) -> object:
-        """Turn one value into a list of it."""
         return [value] if isinstance(value, str | int | float) and not isinstance(value, bool) else value
 
     @model_validator(mode="after")
@@ -94,14 +90,7 @@ class Change(FrozenModel):
     def changes(
         self, floor: Floor, arena_m: tuple[float, float], until_s: float, seed: int, run: int
     ) -> Changes:
-        """Return the changes of a run's floor.
-
-        Args:
-            floor: at time 0. arena_m: width and height of the arena, inside which patches appear. until_s: time up to
-                which tiles are redrawn. seed, run: select random changes.
-        Raises:
-            InputError: ``to`` names no floor, or one of another size.
-        """
+        """Return the changes of a run's floor."""
         tiles = floor.tiles
         if self.rate_per_h is not None:
             shares = self.shares or (np.bincount(tiles.ravel()) / tiles.size).tolist()
@@ -117,11 +106,6 @@ class Change(FrozenModel):
 def _next(
     to: str, floor: Floor, arena_m: tuple[float, float], number: int, seed: int, run: int
 ) -> NDArray[np.uint8]:
-    """Return what the tiles of a floor become at change ``number`` (from 0) of a run.
-
-    Raises:
-        InputError: ``to`` names no floor, a floor of another size, or inverts tiles of more than two kinds.
-    """
     tiles = floor.tiles
     if to == GROW:
         return grown(tiles)
@@ -144,10 +128,7 @@ def _next(
 def _patched(
     name: str, floor: Floor, arena_m: tuple[float, float], number: int, seed: int, run: int
 ) -> NDArray[np.uint8]:
-    """Return the tiles of a floor with patches that appear at change ``number`` of a run.
-
-    Tiles vibrate whose middle is in a patch, and that below its middle.
-    """
+    """Return the tiles of a floor with patches that appear at change ``number`` of a run."""
     rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
     x_m = (left_m + (np.arange(columns) + 0.5) * width_m)[None, :]
     y_m = (bottom_m + (rows - np.arange(rows) - 0.5) * height_m)[:, None]
@@ -166,3 +147,124 @@ def change_words(change: Change) -> str:
         return f"Each tile is redrawn {stated(change.rate_per_h)} times an hour on average."
     steps = [f"{to} at {stated(time_s)} s" for time_s, to in change.steps()]
     return f"The floor changes: {', '.join(steps)}." if steps else ""
+
+
+Shift = Annotated[float, Field(ge=-1, le=1)]
+Drift = Annotated[float, Field(ge=-1000, le=1000)]
+
+MOTION_FAULTS: Final = ("stopped", "battery_empty")
+SENSOR_FAULTS: Final = ("stuck_at_0", "stuck_at_1", "stuck", "biased")
+FAULTS: Final = (*SENSOR_FAULTS, "opposite", "radio_dead", *MOTION_FAULTS)
+"""Kinds of faults, each the name of a field."""
+SINCE: Final = {kind: f"{kind}_from_s" for kind in FAULTS} | {
+    **dict.fromkeys(SENSOR_FAULTS, "sensor_from_s"),
+    "battery_empty": "battery_life_s",
+}
+"""The field that says since when a robot has the fault."""
+
+
+Robots = Annotated[
+    tuple[Annotated[int, Field(ge=0)], ...],
+    Field(strict=False),
+    AfterValidator(lambda robots: tuple(sorted(set(robots)))),
+]
+Affected = Annotated[float, Field(ge=0, le=1)] | Robots
+"""A share of the swarm, or robots by their numbers."""
+Time = Annotated[float, Field(ge=0, le=1e9)]
+Range = Annotated[
+    tuple[Time, Time], Field(strict=False), AfterValidator(lambda ends_s: tuple(sorted(ends_s)))
+]
+Since = Time | Range
+"""A time, s, or the two ends of the range in which each robot's own is uniform, s."""
+
+
+class MotionFaults(FrozenModel):
+    """Faults that change motion."""
+
+    stopped: Affected = 0.0
+    """Robots that stop for good and stand in the others' way; they take no samples, but their radio and timer go on."""
+    stopped_from_s: Since = 0.0
+    """When they stop, s, or the range from which each robot's time is drawn (``[600, 1200]``). A sample that has begun
+    is finished."""
+    battery_empty: Affected = 0.0
+    """Robots whose battery runs empty: they stop likewise, and hear, send and decide nothing."""
+    battery_life_s: Since = 1200.0
+    """When it is empty, s, or a range; at most 20 minutes in the paper."""
+
+    @property
+    def any_of_motion(self) -> bool:
+        """Whether any robot may have a fault of motion; also true for a share that rounds to no robot."""
+        return any(getattr(self, kind) for kind in MOTION_FAULTS)
+
+
+class Faults(MotionFaults):
+    """Robots that fail, and how; nobody by default. Which: a share of the swarm (rounded to whole robots, drawn for
+    each run, those of a smaller share among those of a larger), or a list of robots (``[0, 3]``)."""
+
+    stuck_at_0: Affected = 0.0
+    """Robots whose sensor always reads 0."""
+    stuck_at_1: Affected = 0.0
+    """Robots whose sensor always reads 1. None of them is also stuck at 0."""
+    stuck: Affected = 0.0
+    """Robots whose sensor always reads ``stuck_class``, unless it is stuck at 0 or 1."""
+    stuck_class: Annotated[int, Field(ge=0, le=15)] = 0
+    """Class that they read."""
+    biased: Affected = 0.0
+    """Robots whose error rates differ by the six fields below."""
+    misread_shift: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of samples that a biased sensor reads as another class, each equally often."""
+    misread_drift_per_h: Drift = 0.0
+    """By how much more with each hour that the fault lasts."""
+    false_positive_shift: Shift = 0.0
+    """With two kinds of tile: by how much the share of false positives is higher; the sum is cut off at 0 and 1."""
+    false_negative_shift: Shift = 0.0
+    """The same for false negatives."""
+    false_positive_drift_per_h: Drift = 0.0
+    """By how much more with each hour that the fault lasts."""
+    false_negative_drift_per_h: Drift = 0.0
+    """The same for false negatives."""
+    sensor_from_s: Since = 0.0
+    """When sensors fail, s, or the range from which each robot's time is drawn."""
+    opposite: Affected = 0.0
+    """Robots that send the opposite of what their strategy says, unknowingly."""
+    opposite_from_s: Since = 0.0
+    """When they begin to, s, or a range."""
+    radio_dead: Affected = 0.0
+    """Robots whose radio dies: they send and hear nothing, and go on alone."""
+    radio_dead_from_s: Since = 0.0
+    """When it dies, s, or a range."""
+
+    @property
+    def of_motion(self) -> MotionFaults:
+        """The part that changes motion."""
+        values: dict[str, Any] = {name: getattr(self, name) for name in MotionFaults.model_fields}
+        return MotionFaults(**values)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of faults that at least one robot has, or a share above 0 of the swarm."""
+        return tuple(kind for kind in FAULTS if getattr(self, kind))
+
+
+def count_of(affected: Affected, robots: int) -> int:
+    """Return how many robots a fault affects; shares are rounded half up despite rounding errors of the product."""
+    if isinstance(affected, tuple):
+        return len(affected)
+    return math.floor(affected * robots + 0.5 + 1e-9)
+
+
+def failing_sensors(faults: Faults, robots: int) -> list[str]:
+    """Return the kinds of sensor faults that at least one of so many robots has."""
+    return [kind for kind in SENSOR_FAULTS if count_of(getattr(faults, kind), robots)]
+
+
+def check_faults(faults: Faults, robots: int) -> None:
+    """Refuse faults of robots that do not exist, and sensors stuck at 0 and at 1 at once."""
+    for kind in faults.kinds:
+        affected = getattr(faults, kind)
+        if isinstance(affected, tuple) and affected[-1] >= robots:  # the last is the greatest
+            raise InputError(f"there is no robot {affected[-1]}, of {robots} from 0", field=f"faults.{kind}")
+    at_0, at_1 = faults.stuck_at_0, faults.stuck_at_1
+    of_both = isinstance(at_0, tuple) and isinstance(at_1, tuple) and not set(at_0).isdisjoint(at_1)
+    if of_both or count_of(at_0, robots) + count_of(at_1, robots) > robots:
+        raise InputError("no robot can be stuck at 0 and at 1 at once", field="faults.stuck_at_0")

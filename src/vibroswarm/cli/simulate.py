@@ -1,4 +1,4 @@
-"""Commands that run studies: ``vibroswarm evaluate`` and ``vibroswarm detect``."""
+"""Commands that simulate: ``vibroswarm run``, ``evaluate`` and ``detect``."""
 
 from __future__ import annotations
 
@@ -7,19 +7,45 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.deliver import deliver
-from vibroswarm.cli.option_values import refuse, share
+from vibroswarm.cli.command_line import Option, refuse, share
+from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Drawn, Paged, Parts, Seed, Simulated, SwarmOptions, Tiles
-from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.progress import STAGES, say_compiling
-from vibroswarm.cli.scenario_options import keywords_of, warn_of
-from vibroswarm.cli.terminal import report
+from vibroswarm.cli.scenario_options import keywords_of, scenario_from, warn_of
+from vibroswarm.cli.terminal import STAGES, progress_bar, report, say_compiling
 from vibroswarm.errors import named
 
 if TYPE_CHECKING:
     from vibroswarm.study.runs import Runs
     from vibroswarm.study.spec import Study
+
+
+def run(*, scenario: Simulated, output: Drawn) -> None:
+    """Run one inspection: a swarm on a floor, from start to verdict.
+
+    examples:
+      vibroswarm run                                        the paper's setting, no feedback
+      vibroswarm run --strategy soft --seed 2 --out first   save tables and page in 'first'
+      vibroswarm run --floor diagonal:0.46 --robots 8
+      vibroswarm run --floor random:0.08 --set decision.decision_boundary=0.03 --set decision.boundary_of=tiles
+    """
+    from vibroswarm.run_page.write import why_no_page, write_run_page
+    from vibroswarm.simulation import simulate
+    from vibroswarm.study.options import chosen
+
+    wanted, out = scenario_from(scenario), output.out
+    motion = chosen("motion", scenario.motion or "event")
+    seed = 1 if scenario.seed is None else scenario.seed
+    claim(output, "run", wanted.hash, seed, motion)
+    say_compiling()
+    with progress_bar("simulating") as progress:
+        # Only the page needs the poses between samples.
+        result = simulate(wanted, seed, runs=1, motion=motion, poses=out is not None, progress=progress)
+    has_page = why_no_page(result) is None
+    if out is not None:
+        result.write_into(out)
+        if has_page:
+            write_run_page(result, out / "run.html")
+    deliver(result, output, page="run.html" if has_page else "report.html", is_result=True)
 
 
 def evaluate(
@@ -172,13 +198,7 @@ def detect(
 
 
 def run_parts(study: Study, execution: Parts, output: Paged, command: str) -> Runs | None:
-    """Print what a study consists of and run it, or only the part that ``--shard`` names.
-
-    Returns:
-        The runs; None if only a part of the study was run.
-    Raises:
-        InputError: options conflict, or ``--out`` holds something else.
-    """
+    """Print what a study consists of and run it, or only the part that ``--shard`` names."""
     shard = _shard(execution.shard)
     refuse(shard[1] > 1 and output.out is None, "--shard", "needs --out DIR")
     claim(output, command, study.hash)
