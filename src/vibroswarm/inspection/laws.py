@@ -72,7 +72,7 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
     chosen = found.only(sessions)
     # A camera saw the places, or may have seen them, unless a recording has no tracks.
     is_seen = not any(isinstance(one, Recording) and one.tracks.is_empty() for one in found.results)
-    camera = fit_camera(chosen, draws=0)[0] if is_seen else RIGHT
+    camera = fit_camera(chosen) if is_seen else RIGHT
     fitted = fit_sensor(corrected_sessions(chosen, camera), draws=draws)
     base = found.results[0].scenario
     draws_of = ({name: float(values[k]) for name, values in fitted.draws.items()} for k in range(draws))

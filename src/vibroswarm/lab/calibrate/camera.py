@@ -27,17 +27,11 @@ from vibroswarm.core.blas import with_one_blas_thread
 from vibroswarm.lab.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
 from vibroswarm.lab.calibrate.fit_sensor import fit_plain, log_likelihoods, unit_of
 from vibroswarm.lab.recordings.recording import Recording
-from vibroswarm.lab.recordings.threshold import cluster_weights, robot_clusters
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 
 LEAST_GAIN: Final = 16.3
 """Least gain: chi squared with three degrees of freedom (magnification, two shifts) exceeds it in 0.1 % of cases."""
-ROUNDS: Final = 2
-"""How often the fit alternates between the camera and the Gamma distributions."""
-DRAWS: Final = 40
-"""Bootstrap resamples: from 39 on, one more draw is beyond their limits in 5 % of cases (``few_groups.limits_of``)."""
-_SEED: Final = 36
 _BOUNDS: Final = [(-10.0, 10.0), (-3.0, 3.0), (-3.0, 3.0), (-3.0, 8.0), (-2.0, 2.0)]
 """Bounds of the optimiser's five values: magnification - 1 (%), shift in x and in y (cm), reach (cm) and log blur (cm).
 The units make the values similar in size, which the optimiser needs."""
@@ -126,19 +120,15 @@ def corrected_sessions(found: Dataset, camera: Camera) -> Dataset:
 
 
 @with_one_blas_thread
-def fit_camera(found: Dataset, draws: int = DRAWS) -> tuple[Camera, dict[str, Floats]]:
-    """Fit the camera; if the gain in log likelihood is too small, return an exact camera (``RIGHT``) without draws.
+def fit_camera(found: Dataset) -> Camera:
+    """Fit the camera to sessions with positions as it saw them; an exact one (``RIGHT``) if the gain is too small.
 
-    Args:
-        found: sessions, with positions as the camera saw them.
-        draws: number of bootstrap resamples of robots in sessions.
-    Returns:
-        The camera, and its draws by parameter, (draws,).
     Raises:
         InputError: all samples lie on one kind of tile.
     """
     samples = found.samples
     energy, run = samples["energy"].to_numpy(), samples["run"].to_numpy()
+    weight = np.ones(energy.size)
     energy, vibrating = energy / unit_of(energy), samples["vibrating"].to_numpy()
 
     # Each step of the fit has a vector of its own. The last two values of both vectors are reach and log blur.
@@ -157,8 +147,8 @@ def fit_camera(found: Dataset, draws: int = DRAWS) -> tuple[Camera, dict[str, Fl
             distance[on_floor] = signed_edge_distance(floor, x[on_floor], y[on_floor])[0]
         return distance
 
-    def best(theta: Floats, start: Floats, weight: Floats) -> Floats:
-        """Return the ``at`` of largest weighted likelihood, with the Gamma distributions of ``theta`` fixed."""
+    def best(theta: Floats, start: Floats) -> Floats:
+        """Return the ``at`` of largest likelihood, with the Gamma distributions of ``theta`` fixed."""
 
         def loss(at: Floats) -> float:
             # The Gamma distributions of ``theta``, with the reach and log blur of ``at``.
@@ -176,21 +166,12 @@ def fit_camera(found: Dataset, draws: int = DRAWS) -> tuple[Camera, dict[str, Fl
     # is not recomputed for the cameras below.
     theta = fit_plain(energy, edges(at), vibrating)
     before = float(log_likelihoods(theta, energy, edges(at)).sum())
-    for _ in range(ROUNDS):
+    for _ in range(2):
         # Start from the present camera, and from the reach and log blur that were fitted with it.
-        at = best(theta, np.r_[at[:3], theta[6:]], np.ones(energy.size))
+        at = best(theta, np.r_[at[:3], theta[6:]])
         theta = fit_plain(energy, edges(at), vibrating)
     gain = 2.0 * (float(log_likelihoods(theta, energy, edges(at)).sum()) - before)
-    if gain < LEAST_GAIN:
-        return RIGHT, {}
-    # The bootstrap repeats only the camera's step, with the Gamma distributions of the fit.
-    cluster, start = robot_clusters(samples), np.r_[at[:3], theta[6:]]
-    cameras = [
-        vars(_camera(best(theta, start, cluster_weights(_SEED, draw, stream=0, cluster=cluster))))
-        for draw in range(draws)
-    ]
-    by_name = {name: np.array([camera[name] for camera in cameras]) for name in vars(RIGHT)}
-    return _camera(at), by_name
+    return _camera(at) if gain >= LEAST_GAIN else RIGHT
 
 
 def _camera(at: Floats) -> Camera:

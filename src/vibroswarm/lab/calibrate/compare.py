@@ -32,7 +32,7 @@ from vibroswarm.core.angles import wrapped
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.optional_library import needed
 from vibroswarm.core.rng import Purpose, uniforms
-from vibroswarm.errors import InputError, check_kind
+from vibroswarm.errors import InputError
 from vibroswarm.lab.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.lab.calibrate.samples import (
     FEATURES,
@@ -51,18 +51,11 @@ DRAWS: Final = 20
 """Subsamples behind each similarity at equal counts."""
 FEWEST: Final = 10
 """Values of a session below which a feature is not compared."""
-MOST: Final = 4000
-"""Longer sessions are thinned evenly to this number of values, which limits the pairs to 16 million."""
 STRETCH: Final = 20
 """Samples of a stretch, about a minute."""
-RIDGE: Final = 3.0
-"""Penalty on weights of standardised columns: a prior of standard deviation 0.6."""
 _SEED: Final = 20
 _FIRST, _SECOND, _UNIFORM = range(3)
 """Numbers of the data sets that random numbers are drawn for."""
-
-Stretches = dict[int, Floats]
-"""Features of one session's stretches by robot: ``columns_of`` each, (stretches, columns)."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +108,6 @@ def compare(real: Result, simulated: Result) -> Comparison:
     Raises:
         InputError: no energies, or too few samples to compare anything; or scikit-learn is not installed.
     """
-    for words, result in (("the recording", real), ("the simulation", simulated)):
-        check_kind(result, Result, words, "a Result or a Recording")
     camera = camera_between(real, simulated)
     both = real, seen_through(simulated, camera)
     sessions, published = [by_session(one) for one in both], [as_published(one) for one in both]
@@ -239,7 +230,8 @@ def mean_distance(one: Floats, other: Floats | None = None) -> float:
 
 
 def _thinned(values: Floats) -> Floats:
-    return np.asarray(values[np.linspace(0, len(values) - 1, min(len(values), MOST)).astype(int)])
+    """Return at most 4000 rows, evenly spaced, which limits the pairs to 16 million."""
+    return np.asarray(values[np.linspace(0, len(values) - 1, min(len(values), 4000)).astype(int)])
 
 
 def recognised(real: Sequence[pl.DataFrame], simulated: Sequence[pl.DataFrame]) -> Interval | None:
@@ -254,13 +246,23 @@ def recognised(real: Sequence[pl.DataFrame], simulated: Sequence[pl.DataFrame]) 
     of their mean is taken as s^2 (1 / n + 1 / (n - 1)), s their standard deviation: 1 session is tested, n - 1 are
     trained on (Nadeau and Bengio 2003).
     """
-    theirs, ours = ([_stretches(session) for session in sessions] for sessions in (real, simulated))
-    robots = sorted(set.intersection(*(set(session) for session in (*theirs, *ours))))
+    rows = [
+        (is_simulated, session, int(key[0]), stretch)
+        for is_simulated, sessions in enumerate((real, simulated))
+        for session, samples in enumerate(sessions)
+        for key, own in samples.group_by("robot", maintain_order=True)
+        for stretch in columns_of(own)
+    ]
+    in_sessions = {robot: {row[:2] for row in rows if row[2] == robot} for robot in {row[2] for row in rows}}
+    robots = sorted(own for own, where in in_sessions.items() if len(where) == len(real) + len(simulated))
     if len(robots) < 2:
         return None
     with threadpool_limits(1):  # threads cost more than they save with so few rows
-        accuracies = np.array([_held_out(theirs, ours, k, robots) for k in range(len(real))])
-    n, mean = accuracies.size, accuracies.mean()
+        accuracies = [
+            np.mean([_held_out(rows, (k, k % len(simulated)), robot, robots) for robot in robots])
+            for k in range(len(real))
+        ]
+    n, mean = len(real), np.mean(accuracies)
     return bounded_mean(mean + math.sqrt(1.0 + n / max(n - 1, 1)) * (accuracies - mean))
 
 
@@ -308,39 +310,25 @@ def _lag_one(values: Floats) -> float:
     return float((deviation[1:] * deviation[:-1]).mean()) / variance if variance > 0 else 0.0
 
 
-def _stretches(samples: pl.DataFrame) -> Stretches:
-    found = {int(key[0]): columns_of(own) for key, own in samples.group_by("robot", maintain_order=True)}
-    return {robot: own for robot, own in found.items() if len(own)}
-
-
 def _held_out(
-    real: Sequence[Stretches], simulated: Sequence[Stretches], session: int, robots: Sequence[int]
+    rows: Sequence[tuple[int, int, int, Floats]], sessions: tuple[int, int], robot: int, robots: Sequence[int]
 ) -> float:
-    """Return the accuracy on real session number ``session`` and one simulated session, mean over robots."""
+    """Return the accuracy on a robot in two sessions, the real and the simulated one, of training on the others.
+
+    ``rows`` have whether a stretch is simulated, its session and robot, and its features.
+    """
     linear, metrics, pipeline, preprocessing = (
         needed(f"sklearn.{name}", "lab", "calibrate")
         for name in ("linear_model", "metrics", "pipeline", "preprocessing")
     )
-    other = session % len(simulated)
-    rest_real = [one for i, one in enumerate(real) if i != session] or real
-    rest_simulated = [one for i, one in enumerate(simulated) if i != other] or simulated
-    shares = []
-    for robot in robots:
-        rows, label = _rows(rest_real, rest_simulated, [one for one in robots if one != robot])
-        tested, truth = _rows([real[session]], [simulated[other]], [robot])
-        # Its penalty is |w|^2 / (2 C): C is the inverse of the ridge.
-        regression = linear.LogisticRegression(C=1.0 / RIDGE, class_weight="balanced", max_iter=1000)
-        classifier: Any = pipeline.make_pipeline(preprocessing.StandardScaler(), regression)
-        shares.append(metrics.balanced_accuracy_score(truth, classifier.fit(rows, label).predict(tested)))
-    return float(np.mean(shares))
-
-
-def _rows(
-    real: Sequence[Stretches], simulated: Sequence[Stretches], robots: Sequence[int]
-) -> tuple[Floats, Floats]:
-    """Return the stretches of these robots, (rows, columns), and whether they are simulated, (rows,)."""
-    parts = [
-        np.concatenate([session[robot] for session in sessions for robot in robots])
-        for sessions in (real, simulated)
-    ]
-    return np.concatenate(parts), np.repeat([0.0, 1.0], [len(part) for part in parts])
+    is_simulated, session, number = np.array([row[:3] for row in rows]).T
+    features = np.array([row[3] for row in rows])
+    tested = session == np.array(sessions)[is_simulated]
+    is_only = np.array([session[is_simulated == kind].max() == 0 for kind in (0, 1)])[is_simulated]
+    train = (~tested | is_only) & np.isin(number, [one for one in robots if one != robot])
+    # Its penalty is |w|^2 / (2 C): a prior of standard deviation 0.6 on the weights of standardised columns.
+    regression = linear.LogisticRegression(C=1.0 / 3.0, class_weight="balanced", max_iter=1000)
+    classifier: Any = pipeline.make_pipeline(preprocessing.StandardScaler(), regression)
+    classifier.fit(features[train], is_simulated[train])
+    test = tested & (number == robot)
+    return float(metrics.balanced_accuracy_score(is_simulated[test], classifier.predict(features[test])))

@@ -29,12 +29,6 @@ CALM_S: Final = 0.3
 usually have no turn either."""
 LEAST_M: Final = 0.05
 """Shortest distance between the two samples of an undisturbed interval."""
-STEP_S: Final = 0.22
-"""Interval at which simulated paths are sampled, as a camera does."""
-MOST_VEER: Final = np.radians(40.0)
-"""Largest veer of a drive, rad/s; a faster change of the course is an undetected turn."""
-DRIVES: Final = {"run": pl.UInt32, "robot": pl.UInt16, "time_s": pl.Float64, "speed_m_s": pl.Float64}
-"""Columns of the table of drives; time_s is the time of the sample at the end of the drive."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +41,7 @@ class Dataset:
     tile below and of that nearest tile; ground, the same number in sessions that have the same tiles: recordings on
     equal floors have; runs of a simulation draw their own, unless its floor is that of the study."""
     drives: pl.DataFrame
-    """One row per undisturbed drive between two samples, with its speed (columns ``DRIVES``)."""
+    """One row per undisturbed drive between two samples, with its speed; time_s is that of the sample at its end."""
     exchange: pl.DataFrame
     """One row per session: messages addressed and received, share lost (``statistics.sampling.packet_loss``)."""
     floors: tuple[Floor, ...]
@@ -60,11 +54,6 @@ class Dataset:
     def sessions(self) -> list[int]:
         """Numbers of the sessions, ascending."""
         return [int(run) for run in self.samples["run"].unique().sort()]
-
-    @property
-    def by_session(self) -> list[pl.DataFrame]:
-        """The samples of each session, in the order of ``sessions``."""
-        return self.samples.partition_by("run", maintain_order=True)
 
     def only(self, sessions: Sequence[int]) -> Dataset:
         """Return a dataset whose tables have only the rows of these sessions, which keep their numbers."""
@@ -135,7 +124,7 @@ def calm_intervals(samples: pl.DataFrame, least_m: float = -1.0) -> pl.DataFrame
 
 
 def drive_table(result: Result, samples: pl.DataFrame) -> pl.DataFrame:
-    """Return one row per undisturbed drive (columns ``DRIVES``), from ``sample_table`` and the paths.
+    """Return one row per undisturbed drive, from ``sample_table`` and the paths.
 
     The speed is that of the tracked steps without the first and the last, in which the robot starts and stops. Without
     a path it is the distance between the samples by the time of the drive.
@@ -147,24 +136,24 @@ def drive_table(result: Result, samples: pl.DataFrame) -> pl.DataFrame:
         columns = own.select("time_s", "spacing_s", "stop_start_s", "distance_m")
         for time_s, spacing_s, stop_s, distance_m in columns.iter_rows():
             since_s = time_s - spacing_s
-            untracked = distance_m / (stop_s - since_s)
-            speed = untracked if track is None else _speed_on(track, since_s, stop_s)
+            speed = distance_m / (stop_s - since_s) if track is None else _speed_on(track, since_s, stop_s)
             if speed is not None:
                 rows.append((int(run), int(robot), time_s, speed))
-    return pl.DataFrame(rows, schema=DRIVES, orient="row")
+    schema = {"run": pl.UInt32, "robot": pl.UInt16, "time_s": pl.Float64, "speed_m_s": pl.Float64}
+    return pl.DataFrame(rows, schema=schema, orient="row")
 
 
 def track_of(result: Result, run: int, robot: int) -> Floats | None:
     """Return a robot's path at the rate of a camera: rows of time (s), x (m) and y (m); None if it is not known.
 
-    The path of a recording is what the camera tracked; that of a simulation is true, at intervals of ``STEP_S``.
+    The path of a recording is what the camera tracked; that of a simulation is true, at intervals of 0.22 s.
     """
     if isinstance(result, Recording):
         own = result.tracks.filter(run=run, robot=robot)
         return own.select("time_s", "x_m", "y_m").to_numpy() if own.height else None
     if result.poses is None:
         return None
-    times = np.arange(0.0, float(result.ends.filter(run=run, robot=robot)["end_s"][0]), STEP_S)
+    times = np.arange(0.0, float(result.ends.filter(run=run, robot=robot)["end_s"][0]), 0.22)
     return np.column_stack([times, pose(result.poses, run, robot, times)[:, :2]])
 
 
@@ -182,6 +171,6 @@ def _speed_on(track: Floats, since_s: float, until_s: float) -> float | None:
         return None
     middle_s = ((time[1:] + time[:-1]) / 2)[1:-1]
     middle_s = middle_s - middle_s.mean()
-    # The least-squares slope of the course against time.
+    # The least-squares slope of the course against time, rad/s; a faster change is an undetected turn.
     veer = middle_s @ np.unwrap(np.arctan2(dy, dx)) / (middle_s @ middle_s)
-    return float(step.sum() / dt.sum()) if abs(veer) < MOST_VEER else None
+    return float(step.sum() / dt.sum()) if abs(veer) < np.radians(40.0) else None

@@ -60,10 +60,8 @@ def limits_of_bootstrap(draws: Floats, groups: int) -> Floats:
     If no draw is negative, limits are cut at 0.
 
     Args:
-        draws: (draws,). groups: how many were resampled; limits of one are infinite.
+        draws: (draws,). groups: how many were resampled, at least two.
     """
-    if groups < 2:
-        return np.array([-np.inf, np.inf])
     centre = draws.mean()
     limits = limits_of(centre + few_factor(groups, 0.95) * (draws - centre))
     return np.maximum(limits, 0.0) if draws.min() >= 0.0 else limits

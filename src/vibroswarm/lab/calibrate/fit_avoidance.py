@@ -56,8 +56,6 @@ SUMMARIES: Final = (
 """Names of the statistics of a session (``summary``), in order."""
 CANDIDATES: Final = 4000
 """Parameter vectors that are tried, one simulated run each."""
-CHECKS: Final = 40
-"""Runs of the posterior prediction."""
 _SEED: Final = 33
 """Seed of the simulated runs and of the drawn parameters."""
 
@@ -139,7 +137,7 @@ def fit_avoidance(
         The posterior sample by parameter, (accepted,) each; its weights, (accepted,), of sum 1; and by statistic its
         recorded value, and the 2.5 and 97.5 % quantiles of runs with posterior draws.
     """
-    sessions = [session.sort("robot", "time_s") for session in found.by_session]
+    sessions = [session.sort("robot", "time_s") for session in found.samples.partition_by("run")]
     real = np.array(
         [summary(session, found.arena_m) for session in sessions if session["avoid_s"].is_finite().any()]
     )
@@ -167,7 +165,7 @@ def fit_avoidance(
 
     draws, weights = posterior(tried, simulated(tried, first_run=0), real, bounds=(low, high))
     # Draw k is picked with the probability weights[k]; the clip is for a sum of weights slightly below 1.
-    u = uniforms(_SEED, run=1, robot=0, purpose=Purpose.OPTIMIZER, count=CHECKS)
+    u = uniforms(_SEED, run=1, robot=0, purpose=Purpose.OPTIMIZER, count=40)
     picked = draws[np.searchsorted(np.cumsum(weights), u).clip(max=weights.size - 1)]
     # Run numbers beyond those of the candidates, so that the runs are fresh.
     bands = np.quantile(simulated(picked, first_run=10**6), [0.025, 0.975], axis=0)

@@ -51,12 +51,6 @@ from vibroswarm.lab.calibrate.samples import ROUNDING_S
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
 from vibroswarm.scenario.scenario import Scenario
 
-MOST_TURN: Final = np.radians(40.0)
-"""A larger turn between undisturbed intervals is a turn on the spot that was too short to be recognised by time."""
-LEAST_DRIVES: Final = 10
-"""Robots with fewer drives are left out."""
-LEAST_TURNS: Final = 30
-"""Fewest turns of a robot in a session."""
 BLOCKS: Final = 10
 """Parts of a session, of which the deviations from a robot's line of speed are taken as independent."""
 SLOW_LAGS: Final = (4, 6, 8, 10, 12)
@@ -77,8 +71,6 @@ APART: Final = (0.003, np.radians(1.5))
 sessions are taken to have different robots, and no field of individual robots is set."""
 LEAST_VARIATION: Final = 1e-3
 """Variations of misalignments, and of speeds between sessions, below this are left out of the scenario."""
-MOST_VARIATION: Final = 0.08
-"""Larger variations of misalignments are cut to this."""
 LAWS: Final = {
     "speed_m_s": ("speed_m_s", ""),
     "start_speed_m_s": ("start_speed_m_s", "between_m_s"),
@@ -88,8 +80,6 @@ LAWS: Final = {
     "distance_spread": ("distance_spread", ""),
 }
 """By column of the table of robots: the names of the estimates of its mean and of its spread between robots."""
-COURSE: Final = ("bend_per_m", "spread_per_m", "correlation", "distance_spread", "turns", "samples")
-"""Columns of the table of robots that ``course_of`` gives."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +92,6 @@ class DriveFit:
     fields: dict[str, object]
     speed_m_s: float
     """Mean speed of the scenario's robots at the start."""
-    bodies: pl.DataFrame
-    """start_speed_m_s and bend_per_m of each robot; no rows if robots cannot be matched."""
 
 
 def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
@@ -138,8 +126,7 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
     if matched is not None and "bend_per_m" in values:
         bend_between = _bend_between_sessions(matched, values)
     fields = _fields(values, bodies, base, ratio, bend_between)
-    named = {name: float(value) for name, value in values.items()}
-    return DriveFit(named, drawn, fields, ratio * named["start_speed_m_s"], bodies)
+    return DriveFit(values, drawn, fields, ratio * values["start_speed_m_s"])
 
 
 def timed_drive_ms(base: Scenario) -> float:
@@ -201,7 +188,7 @@ def _fields(
             "robot.misalignment_max": _round(min(middle + half, 0.5)),
             "robot.misalignments": None,
         } | {
-            name: _round(min(size, MOST_VARIATION)) if size >= LEAST_VARIATION else None
+            name: _round(min(size, 0.08)) if size >= LEAST_VARIATION else None
             for name, size in variation.items()
         }
     if by_robot and bodies.height:
@@ -226,10 +213,11 @@ def _table_of_robots(found: Dataset) -> pl.DataFrame:
     for name, own in found.drives.sort("run", "robot", maintain_order=True).group_by(
         "run", "robot", maintain_order=True
     ):
-        if own.height >= LEAST_DRIVES:
+        if own.height >= 10:
             course = course_of(courses[name]) if name in courses else {}
             rows.append({"run": name[0]} | line_of(own) | course)
-    schema = dict.fromkeys((*(rows[0] if rows else ()), *COURSE), pl.Float64)
+    course_columns = ("bend_per_m", "spread_per_m", "correlation", "distance_spread", "turns", "samples")
+    schema = dict.fromkeys((*(rows[0] if rows else ()), *course_columns), pl.Float64)
     return pl.DataFrame(rows, schema=schema)
 
 
@@ -259,7 +247,7 @@ def line_of(own: pl.DataFrame) -> dict[str, float]:
 def undisturbed(samples: pl.DataFrame) -> pl.DataFrame:
     """Return the undisturbed intervals whose previous interval is undisturbed too, so that a turn is defined.
 
-    Intervals with a turn of ``MOST_TURN`` or more are left out, because it is taken to be a turn on the spot.
+    Intervals with a turn of 40 degrees or more are left out, because it is taken to be a turn on the spot.
 
     Returns:
         One row per interval, ordered by run, robot and time: run, robot; index and time_s of the sample that ends the
@@ -277,7 +265,7 @@ def undisturbed(samples: pl.DataFrame) -> pl.DataFrame:
         index=pl.int_range(pl.len()).over(key),
     )
     calm_twice = pl.col("calm") & pl.col("calm").shift(1).over(key).fill_null(False)
-    chosen = marked.filter(calm_twice & (pl.col("turn_rad").abs() < MOST_TURN))
+    chosen = marked.filter(calm_twice & (pl.col("turn_rad").abs() < np.radians(40.0)))
     return chosen.select("run", "robot", "index", "time_s", "turn_rad", "distance_m")
 
 
@@ -286,7 +274,7 @@ def course_of(own: pl.DataFrame) -> dict[str, Any]:
 
     A value in 1/m, multiplied by half the track (m), is a misalignment. ``samples`` are those up to the last turn.
     """
-    if own.height < LEAST_TURNS:
+    if own.height < 30:
         return {}
     turn, distance, time = (own[name].to_numpy() for name in ("turn_rad", "distance_m", "time_s"))
     middle, usual_m = float(np.median(turn)), float(np.median(distance))
@@ -307,8 +295,7 @@ def course_of(own: pl.DataFrame) -> dict[str, Any]:
 
 def quartile_spread(values: Floats) -> float:
     """Return the standard deviation of a normal distribution with the interquartile range of these values."""
-    low, high = np.quantile(values, [0.25, 0.75])
-    return float(high - low) / IQR
+    return float(np.ptp(np.quantile(values, [0.25, 0.75]))) / IQR
 
 
 def _slow_correlation(index: Ints, deviation: Floats, spread: float) -> float | None:
@@ -325,20 +312,19 @@ def _slow_correlation(index: Ints, deviation: Floats, spread: float) -> float | 
 
 def _laws(table: pl.DataFrame, robots: pl.DataFrame, draws: int) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the estimates by name, of all rows of the table, and draws of their law for ``robots``, (draws,) each."""
-    squares = robots["within_m_s"].to_numpy() ** 2
-    means = drawn_means(squares, evenly_drawn(draws, _SEED, "within_m_s"))
+    means = drawn_means(robots["within_m_s"].to_numpy() ** 2, evenly_drawn(draws, _SEED, "within_m_s"))
     drawn: dict[str, Any] = {"within_m_s": np.sqrt(np.maximum(means, 0.0))}
     values: dict[str, Any] = {"within_m_s": math.sqrt((table["within_m_s"] ** 2).mean())}  # type: ignore[arg-type]
     for column, (mean, spread) in LAWS.items():
         own = robots[column].drop_nulls().to_numpy()
         if own.size < 2:
             continue
-        values[mean] = table[column].drop_nulls().to_numpy().mean()
+        values[mean] = float(table[column].drop_nulls().to_numpy().mean())
         drawn[mean] = drawn_means(own, evenly_drawn(draws, _SEED, mean))
         if mean in ("bend_within_per_m", "distance_spread"):
             drawn[mean] = np.maximum(drawn[mean], 0.0)
         if spread:
-            values[spread] = own.std(ddof=1)
+            values[spread] = float(own.std(ddof=1))
             u = evenly_drawn(draws, _SEED, spread)
             drawn[spread] = np.sqrt(drawn_variances(float(own.var(ddof=1)), own.size - 1, u))
     for each in (values, drawn):

@@ -19,8 +19,6 @@ moves again, its course that of the drive's last steps.
 Turns at the end of a leg (a straight walk) are uniform up to a largest angle A, of which robots leave out the tolerance
 T (``walk.turn_tolerance_deg``). Those beyond a_0 (``LEAST_TURN``) have the mean (a_0 + A - T) / 2, so A is estimated by
 2 mean - a_0 + T.
-
-Standard errors are of bootstraps: of the approaches of each robot for the rays, of all turns for A.
 """
 
 from __future__ import annotations
@@ -35,31 +33,21 @@ import polars as pl
 
 from vibroswarm.core.angles import wrapped
 from vibroswarm.core.arrays import Bools, Floats, Ints
-from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.lab.calibrate.dataset import Dataset, track_of
 from vibroswarm.lab.calibrate.samples import ROUNDING_S, wall_distance
 from vibroswarm.lab.recordings.assemble_recording import STANDING_M
 from vibroswarm.scenario.scenario import Scenario
 
-LEAST_APPROACHES: Final = 20
-"""Fewest approaches of each robot."""
 GRID_DEG: Final = np.arange(5.0, 76.0, 1.0)
 """Outermost angles that are tried first."""
-NEAR_DEG: Final = np.arange(-1.0, 1.05, 0.1)
-"""Differences of those that are tried next from the best one. In whole degrees alone, an angle is off by more than its
-limits allow."""
 DRIVES: Final = 0.62
 """Share of the usual speed above which a step is driving: between the speeds seen in turns and in drives."""
 COURSE_STEPS: Final = 4
 """Most steps at the end of a drive that determine the course; the very last one is left out."""
 LONGEST_GAP_S: Final = 0.5
 """Longest time between two positions of a path without a gap."""
-LEAST_TURNS: Final = 30
-"""Fewest turns at the ends of legs, of all robots."""
 LEAST_TURN: Final = np.radians(15.0)
 """Smaller turns at the ends of legs cannot be distinguished from veer."""
-DRAWS: Final = 60
-_SEED: Final = 35
 
 
 class Path(NamedTuple):
@@ -76,58 +64,48 @@ class Path(NamedTuple):
     """Usual change of the course per distance driven."""
 
 
-class Approaches(NamedTuple):
-    """Turns away from walls, (turns,) each: the robot's number, its distance from the wall, and its incidence."""
-
-    robot: Ints
-    distance_m: Floats
-    incidence_rad: Floats
-
-
-def fit_rays(
-    found: Dataset, base: Scenario, draws: int = DRAWS
-) -> tuple[dict[str, float], dict[str, Floats], dict[str, object]]:
+def fit_rays(found: Dataset, base: Scenario) -> dict[str, object]:
     """Fit the angles and starts of the rays, and the largest turn at the end of a leg.
 
     A robot's number is taken to mean the same sensors in all sessions. (In the study's recordings the starts of the
     rays belong to the number, but speed and veer do not, so ``fit_drive`` matches robots instead.) The rays are left
-    out if a robot has fewer than ``LEAST_APPROACHES`` approaches, the largest turn with fewer than ``LEAST_TURNS``.
+    out if a robot has fewer than 20 approaches, the largest turn with fewer than 30 turns.
 
     Args:
         found: sessions, with positions corrected for the camera.
         base: scenario with theta_c, the lateral offsets and the ratios of the rays' angles.
-        draws: number of draws.
     Returns:
-        Estimates by name (ray_deg, the outermost angle; forward_m, the mean F; turn_max_deg), their draws, (draws,)
-        each, and the scenario's fields by dotted name; None: each robot has none of its own.
+        The scenario's fields by dotted name; None: each robot has none of its own.
     """
     paths = paths_of(found)
-    approaches = approaches_of(paths, found, base)
+    robot, distance_m, incidence_rad = approaches_of(paths, found, base)
     robots = int(found.samples["robot"].max() or 0) + 1  # type: ignore[arg-type]
-    values, drawn = dict[str, float](), dict[str, Floats]()
     fields: dict[str, object] = {"rays.forward_each_m": None}
-    if np.bincount(approaches.robot, minlength=robots).min() >= LEAST_APPROACHES:
-        values["ray_deg"], forward_m = _fit(approaches, base)
-        values["forward_m"] = float(forward_m.mean())
-        fits = [_fit(_resampled(approaches, draw), base) for draw in range(draws)]
-        drawn["ray_deg"] = np.array([angle_deg for angle_deg, _ in fits])
-        drawn["forward_m"] = np.array([forward.mean() for _, forward in fits])
-        fields["rays.angle_deg"] = scaled_angles(base, values["ray_deg"])
-        fields["rays.forward_m"] = round(values["forward_m"], 4)
+    if np.bincount(robot, minlength=robots).min() >= 20:
+
+        def best_of(angles_deg: Floats) -> tuple[float, Floats]:
+            """Return the angle of smallest error, and F of each robot at this angle."""
+            fits = [
+                _fit_forward(robot, distance_m, incidence_rad, base, angle_deg)
+                for angle_deg in angles_deg.tolist()
+            ]
+            best = int(np.argmin([error for _, error in fits]))
+            return float(angles_deg[best]), fits[best][0]
+
+        nearly_deg = best_of(GRID_DEG)[0]
+        # In whole degrees alone, an angle is up to half a degree off.
+        ray_deg, forward_m = best_of(
+            np.clip(nearly_deg + np.arange(-1.0, 1.05, 0.1), GRID_DEG[0], GRID_DEG[-1])
+        )
+        fields["rays.angle_deg"] = scaled_angles(base, ray_deg)
+        fields["rays.forward_m"] = round(float(forward_m.mean()), 4)
         fields["rays.forward_each_m"] = [round(float(forward), 4) for forward in forward_m]
     turned = np.abs([turn for path in paths for turn in _leg_turns(path, found.arena_m)])
-    if turned.size >= LEAST_TURNS:
-        u = uniforms(_SEED, run=0, robot=1, purpose=Purpose.BOOTSTRAP, count=draws * turned.size)
-        picked = turned[(u * turned.size).astype(int)].reshape(draws, turned.size)
+    if turned.size >= 30:
         # Twice a_0 at least: with a smaller largest turn fewer than half of the turns would be observed.
-        tolerance = np.radians(base.walk.turn_tolerance_deg)
-        largest, drawn["turn_max_deg"] = (
-            np.degrees(np.clip(2 * mean - LEAST_TURN + tolerance, 2 * LEAST_TURN, np.pi))
-            for mean in (turned.mean(), picked.mean(axis=1))
-        )
-        values["turn_max_deg"] = float(largest)
-        fields["walk.turn_max_deg"] = round(values["turn_max_deg"], 1)
-    return values, drawn, fields
+        largest = 2 * turned.mean() - LEAST_TURN + np.radians(base.walk.turn_tolerance_deg)
+        fields["walk.turn_max_deg"] = round(float(np.degrees(np.clip(largest, 2 * LEAST_TURN, np.pi))), 1)
+    return fields
 
 
 def scaled_angles(base: Scenario, ray_deg: float) -> list[float]:
@@ -137,51 +115,27 @@ def scaled_angles(base: Scenario, ray_deg: float) -> list[float]:
     return [round(angle_deg / largest * ray_deg, 2) for angle_deg in base.rays.angle_deg]
 
 
-def _resampled(approaches: Approaches, draw: int) -> Approaches:
-    """Return a bootstrap draw: each row is replaced by a row of the same robot."""
-    robot = approaches.robot
-    u = uniforms(_SEED, run=draw, robot=0, purpose=Purpose.BOOTSTRAP, count=robot.size)
-    picked = np.empty(robot.size, dtype=np.int64)
-    for number in np.unique(robot):
-        own = np.flatnonzero(robot == number)
-        picked[own] = own[(u[own] * own.size).astype(np.int64)]
-    return Approaches(robot[picked], approaches.distance_m[picked], approaches.incidence_rad[picked])
-
-
-def _fit(approaches: Approaches, base: Scenario) -> tuple[float, Floats]:
-    """Return the outermost angle of smallest error, deg, and F of each robot at this angle, m, (robots,)."""
-
-    def best_of(angles_deg: Floats) -> float:
-        errors = [_fit_forward(approaches, base, angle_deg)[1] for angle_deg in angles_deg.tolist()]
-        return float(angles_deg[int(np.argmin(errors))])
-
-    best_deg = best_of(np.clip(best_of(GRID_DEG) + NEAR_DEG, GRID_DEG[0], GRID_DEG[-1]))
-    return best_deg, _fit_forward(approaches, base, best_deg)[0]
-
-
-def _fit_forward(approaches: Approaches, base: Scenario, ray_deg: float) -> tuple[Floats, float]:
+def _fit_forward(
+    robot: Ints, distance: Floats, incidence: Floats, base: Scenario, ray_deg: float
+) -> tuple[Floats, float]:
     """Return F of each robot, m, (robots,), given the outermost angle; and the mean absolute error of distances, m.
 
     Let M be the maximum over rays in the equation of d(i). The errors |d - M - F cos i| are smallest in total if F is
     the median of (d - M) / cos i with the weights cos i.
     """
-    robot, distance, incidence = approaches
     reach = base.walk.avoidance_threshold_mm / 1000.0  # R = theta_c, m
     angle = np.radians(scaled_angles(base, ray_deg))[:, None]
     side = np.array(base.rays.side_m)[:, None]
     rays = reach * np.cos(angle) * np.cos(incidence) - (side + reach * np.sin(angle)) * np.sin(incidence)
     rest, weight = distance - rays.max(axis=0), np.maximum(np.cos(incidence), 1e-3)  # d - M; cos i, above 0
-    own_rows = [robot == number for number in range(int(robot.max()) + 1)]
+    medians = [
+        np.quantile(rest[own] / weight[own], 0.5, weights=weight[own], method="inverted_cdf")
+        for own in (robot == number for number in range(int(robot.max()) + 1))
+    ]
     # Between 0 and 0.5 m, far more than the size of a robot.
-    forward = np.clip([_weighted_median(rest[own] / weight[own], weight[own]) for own in own_rows], 0.0, 0.5)
+    forward = np.clip(medians, 0.0, 0.5)
     # A turn at a distance with an error above 3 cm had another cause than the wall.
     return forward, float(np.minimum(np.abs(rest - forward[robot] * weight), 0.03).mean())
-
-
-def _weighted_median(values: Floats, weights: Floats) -> float:
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
 def paths_of(found: Dataset) -> list[Path]:
@@ -195,8 +149,8 @@ def paths_of(found: Dataset) -> list[Path]:
     return paths
 
 
-def approaches_of(paths: Sequence[Path], found: Dataset, base: Scenario) -> Approaches:
-    """Return the turns away from walls of robots that were alone."""
+def approaches_of(paths: Sequence[Path], found: Dataset, base: Scenario) -> tuple[Ints, Floats, Floats]:
+    """Return robot, distance (m) and incidence (rad) of the turns away from walls of robots that were alone."""
     rows = []
     for path in paths:
         others = [other.track for other in paths if other.run == path.run and other.robot != path.robot]
@@ -217,7 +171,7 @@ def approaches_of(paths: Sequence[Path], found: Dataset, base: Scenario) -> Appr
     # A ray is read once a control period: robots drive on for half of one, in the mean, before they turn.
     speed_m_s = float(found.drives["speed_m_s"].mean() or 0.0)  # type: ignore[arg-type]
     late_m = 0.5 * speed_m_s * base.run.control_period_ms / 1000.0 * np.cos(incidence)
-    return Approaches(robot[near].astype(np.int64), (distance + late_m)[near], incidence[near])
+    return robot[near].astype(np.int64), (distance + late_m)[near], incidence[near]
 
 
 def _apart_m(track: Floats, turn: tuple[float, float, float, float]) -> float:
@@ -240,11 +194,10 @@ def _leg_turns(path: Path, size: tuple[float, float]) -> Iterator[float]:
         sampled = (is_later & (sample_s < time[start] + 0.25)).any()
         avoided = np.nansum(avoid_s[is_later & (sample_s < time[start] + 3.0)][:2]) > ROUNDING_S
         is_near = wall_distance(x[stop], y[stop], size) < 0.12
-        if time[start] - time[stop] > 3.2 or is_near or sampled or avoided:
-            continue
+        is_turn = time[start] - time[stop] <= 3.2 and not is_near and not sampled and not avoided
         turned = _course(x, y, start, after, 0) - _course(x, y, before, stop, -1)
         angle = float(wrapped(np.array(turned)))
-        if abs(angle) > LEAST_TURN:
+        if is_turn and abs(angle) > LEAST_TURN:
             yield angle
 
 

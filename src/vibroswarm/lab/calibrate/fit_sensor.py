@@ -57,8 +57,6 @@ ROUNDS: Final = 3
 """How often the fit alternates between theta and the factors."""
 _SEED: Final = 31
 """Seed of the bootstrap."""
-_MOST_SPREAD: Final = 2.0
-"""Largest spread that a scenario takes."""
 _FLOOR: Final = 1e-6
 """Density added to each sample's likelihood, so that an energy impossible on both kinds of tile does not decide the
 fit."""
@@ -101,7 +99,9 @@ class _Between(NamedTuple):
         if freedom < 1:
             return np.zeros(draws)
         between = drawn_variances(self.total, freedom, evenly_drawn(draws, _SEED, purpose)) - self.noise
-        return np.asarray(np.minimum(np.sqrt(np.maximum(between, 0.0)), _MOST_SPREAD))
+        return np.asarray(
+            np.minimum(np.sqrt(np.maximum(between, 0.0)), 2.0)
+        )  # the largest that a scenario takes
 
 
 class _Data(NamedTuple):
@@ -152,7 +152,7 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
         data = _Data(energies / unit, edge, *factors)
         theta = _fit(data, np.ones(on.size), theta)
         if k < ROUNDS:  # the last theta belongs to the last factors
-            of_tile, of_robot, apart = _factors(theta, data, at_tile, cluster, (of_tile, of_robot))
+            of_tile, of_robot, apart = _factors(theta, data, at_tile, cluster, of_tile, of_robot)
     values = _values(theta, unit) | {
         name: math.sqrt(one.variance) for name, one in zip(SPREADS, apart, strict=True)
     }
@@ -258,8 +258,7 @@ def _values(theta: Floats, unit: float = 1.0) -> dict[str, float]:
 def _density(energy: Floats, shape: float, scale: float, location: float) -> Floats:
     """Return the density of a shifted Gamma distribution at each energy; 0 up to its location."""
     x = np.maximum((energy - location) / scale, 1e-300)  # above 0 for the logarithm
-    inside = energy > location
-    return np.where(inside, np.exp((shape - 1) * np.log(x) - x - gammaln(shape)) / scale, 0.0)
+    return np.where(energy > location, np.exp((shape - 1) * np.log(x) - x - gammaln(shape)) / scale, 0.0)
 
 
 def _parts_of(data: _Data, theta: Floats) -> tuple[Floats, Floats]:
@@ -301,8 +300,7 @@ def _fit(data: _Data, weight: Floats, theta: Floats, quick: bool = False) -> Flo
 
 
 def _factors(
-    theta: Floats, data: _Data, tiles: tuple[Ints, Ints], cluster: Ints,
-    before: tuple[Floats, Floats],
+    theta: Floats, data: _Data, tiles: tuple[Ints, Ints], cluster: Ints, of_tile: Floats, of_robot: Floats,
 ) -> tuple[Floats, Floats, tuple[_Between, _Between]]:  # fmt: skip
     """Estimate the log factors of tiles and robots.
 
@@ -313,7 +311,7 @@ def _factors(
         theta: parameters of the distributions. data: the samples with the present factors.
         tiles: numbers of the nearest vibrating and of the nearest still tile of each sample, (samples,) each.
         cluster: number of the robot in its session, for each sample, (samples,).
-        before: present log factors of the tiles, (tiles,), and of the robots, (clusters,).
+        of_tile, of_robot: present log factors of the tiles, (tiles,), and of the robots, (clusters,).
     Returns:
         Log factors of the tiles, (tiles,), and of the robots, (clusters,), and how far both are apart.
     """
@@ -326,7 +324,6 @@ def _factors(
     values = list(_values(theta).values())
     deviation = np.r_[log_energy - _mean_log(*values[:3]), log_energy - _mean_log(*values[3:6])]
     weight, at_robot, at_tile = np.r_[share, 1 - share], np.r_[cluster, cluster], np.concatenate(tiles)
-    of_tile, of_robot = before
     # Tiles and robots in turn, because the factors of each are estimated with those of the other taken away; after four
     # turns they hardly change.
     for _ in range(4):

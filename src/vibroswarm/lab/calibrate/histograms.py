@@ -36,8 +36,6 @@ SPANS: Final = {
 """Range of each column of a feature, as in the paper's figures."""
 BINS: Final = {"avoidance": 40, "vibrating": 48, "still": 48, "places": 15, "distances": 24, "steps": 39}
 """Number of bins along each axis, by feature."""
-ACROSS: Final = 2
-"""Maps side by side."""
 
 
 def histograms_of(sources: Mapping[str, Result]) -> pl.DataFrame:
@@ -77,7 +75,6 @@ def draw_histograms(frame: pl.DataFrame, feature: str, *, style: str = "column")
     numbers, labels = own.select("source", "x", "y", "share"), AXES[feature]
     if feature in ("avoidance", "vibrating", "still"):
         figure, axes = plain_axes(sizes, *labels)
-        handles: list[Any] = []
         for index, part in enumerate(panels.values()):
             looks, points = look(index), (part["x"].to_numpy(), part["share"].to_numpy())
             line: dict[str, Any] = {
@@ -85,17 +82,17 @@ def draw_histograms(frame: pl.DataFrame, feature: str, *, style: str = "column")
                 "linestyle": looks.line,
                 "linewidth": sizes.line_pt,
             }
-            handles += axes.step(*points, where="mid", **line)
+            axes.step(*points, where="mid", **line)
         axes.set_ylim(bottom=0.0)
-        legend_below(figure, sizes, handles, list(panels))
+        legend_below(figure, sizes, axes.get_lines(), list(panels))
         return Picture(figure, numbers, f"Share of samples by {labels[0]}, of {len(panels)} sources.")
     # A panel is about half as wide as the figure, so 0.48 of the width as height makes it nearly square.
-    figure = new_figure(sizes, height_in=math.ceil(len(panels) / ACROSS) * sizes.width_in * 0.48)
+    figure = new_figure(sizes, height_in=math.ceil(len(panels) / 2) * sizes.width_in * 0.48)
     # A single extreme bin of a map must not make all others pale.
     highest = float(np.quantile(own["share"].to_numpy(), 0.999))
     aspect: Any = "auto" if feature == "distances" else "equal"  # both axes of the others are lengths
-    all_axes = panels_of(figure, len(panels), ACROSS, sharex=True, sharey=True)
-    for place, (axes, (source, part)) in enumerate(zip(all_axes, panels.items(), strict=True)):
+    all_axes = panels_of(figure, len(panels), 2, sharex=True, sharey=True)
+    for axes, (source, part) in zip(all_axes, panels.items(), strict=True):
         shares = part["share"].to_numpy().reshape(BINS[feature], -1).T  # a row per y
         (left, right), (bottom, top) = SPANS[feature]
         axes.imshow(
@@ -103,9 +100,6 @@ def draw_histograms(frame: pl.DataFrame, feature: str, *, style: str = "column")
             vmax=highest, interpolation="nearest",
         )  # fmt: skip
         axes.set_title(source, fontsize=sizes.small_pt)
-        axes.locator_params(nbins=4)
-        axes.xaxis.set_tick_params(labelbottom=place + ACROSS >= len(panels))  # if no panel is below
-        axes.tick_params(labelsize=sizes.small_pt)
     figure.supxlabel(labels[0], fontsize=sizes.font_pt)
     figure.supylabel(labels[1], fontsize=sizes.font_pt)
     caption = f"Shares of samples by {labels[0]} and {labels[1]}; darker is more, up to {number(highest, digits=3)}."

@@ -82,11 +82,11 @@ def sample_table(result: Result) -> pl.DataFrame:
         of_run, floor = run == number, result.floor(int(number))
         refuse_kinds(floor)
         vibrating[of_run] = floor.tiles[nearest_tile(floor, x[of_run], y[of_run])] == 1
-    since = {"dx_m": "x_m", "dy_m": "y_m", "spacing_s": "time_s"}
     wall = pl.Series(wall_distance(x, y, result.scenario.arena.size_m))
     frame = frame.with_columns(wall_m=wall, vibrating=pl.Series(vibrating)).sort("run", "robot", "time_s")
     return frame.with_columns(
-        pl.col(name).diff().over("run", "robot").alias(new) for new, name in since.items()
+        pl.col(name).diff().over("run", "robot").alias(since)
+        for since, name in (("dx_m", "x_m"), ("dy_m", "y_m"), ("spacing_s", "time_s"))
     ).with_columns(
         # At a robot's first sample the table of motion has the time since the start of the run.
         avoid_s=pl.when(pl.col("spacing_s").is_not_null()).then(pl.col("avoid_s").cast(pl.Float64)),
@@ -106,8 +106,9 @@ def as_published(result: Result) -> pl.DataFrame:
     counted = result.rows.select(*key, wraps=(pl.col("avoid_total_s") / 65.536 + 1e-9).floor())
     theirs = [run for run, session in enumerate(result.sessions) if session["reader"] == "rugbot"]
     wraps = pl.col("wraps").diff().over("run", "robot").fill_null(0.0) * pl.col("run").is_in(theirs)
-    joined = samples.join(counted, on=key, how="left", maintain_order="left")
-    return joined.with_columns(pl.col("avoid_s") - 0.536 * wraps)
+    return samples.join(counted, on=key, how="left", maintain_order="left").with_columns(
+        pl.col("avoid_s") - 0.536 * wraps
+    )
 
 
 def by_session(result: Result) -> list[pl.DataFrame]:
