@@ -146,7 +146,7 @@ def drive_table(result: Result, samples: pl.DataFrame) -> pl.DataFrame:
 def track_of(result: Result, run: int, robot: int) -> Floats | None:
     """Return a robot's path at the rate of a camera: rows of time (s), x (m) and y (m); None if it is not known.
 
-    The path of a recording is what the camera tracked; that of a simulation is true, at intervals of 0.22 s.
+    That of a simulation is true, at intervals of 0.22 s.
     """
     if isinstance(result, Recording):
         own = result.tracks.filter(run=run, robot=robot)

@@ -156,8 +156,8 @@ def _rays(fit: Fit) -> Fit:
 def _stop(fit: Fit) -> Fit:
     """The stop, in whole control periods, of the times between samples without avoidance or turn.
 
-    Such a time is the drive (``fit_drive.timed_drive_ms``), the stop and a control period. At least 50 are needed, and
-    a stop between half and twice that of the base: otherwise the robots were programmed with another tau.
+    Such a time is the drive, the stop and a control period. A stop below half or above twice that of the base means
+    that the robots were programmed with another tau.
     """
     calm, base = calm_intervals(fit.found.samples)["spacing_s"], fit.scenario
     period = base.run.control_period_ms
@@ -222,8 +222,7 @@ def _estimates(
 def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
     """Return sentences about settings of the base that recordings contradict.
 
-    Only those of the walk count that determine how often robots meet each other and walls, and when they sample: others
-    are the user's choice.
+    Only those count that determine how often robots meet each other and walls, and when they sample.
     """
     around = ("swarm.robots", "arena.width_m", "arena.height_m")
     there = {name: sorted({result.scenario[name] for result in results}) for name in around}

@@ -1,12 +1,10 @@
 """Fit avoidance and turning, which have no closed form, by simulation (approximate Bayesian computation).
 
 Candidates (parameter vectors) are drawn from a uniform prior, one run is simulated with each, and the run is summarised
-by statistics of avoidance and of sample positions. Each statistic is divided by its noise: the standard deviation
-between runs of the same candidate and between real sessions. The tenth of the candidates whose statistics are nearest
-to the recorded ones is accepted and weighted (Epanechnikov). A weighted linear regression of parameters on statistics
-then moves each accepted candidate to the recorded statistics (Beaumont, Zhang and Balding 2002). The result is a
-posterior sample: its mean goes into the scenario, and new runs with its draws give the posterior prediction of the
-statistics.
+by statistics of avoidance and of sample positions, each divided by its noise. The tenth of the candidates whose
+statistics are nearest to the recorded ones is accepted and weighted (Epanechnikov). A weighted linear regression moves
+them to the recorded statistics (Beaumont, Zhang and Balding 2002). The mean of this posterior sample goes into the
+scenario; new runs with its draws give the posterior prediction of the statistics.
 
 | parameter | field |
 |---|---|
@@ -61,15 +59,7 @@ _SEED: Final = 33
 
 
 def fields_of(values: Mapping[str, float], base: Scenario, speed_m_s: float) -> dict[str, object]:
-    """Return the scenario's fields, by dotted name, for these parameters.
-
-    ``ray_deg`` is the angle of the outermost ray; the other rays keep their ratio to it.
-
-    Args:
-        values: parameters by name, see the head of this module.
-        base: scenario whose rays' angles are scaled, if ``values`` has ``ray_deg``.
-        speed_m_s: speed of the robots' wheels, with which the turning rate gives the track of a turning robot.
-    """
+    """Return the scenario's fields for these parameters, with wheels of this speed; rays keep their ratio."""
     fields: dict[str, object] = {
         "robot.turn_track_m": round(float(2.0 * speed_m_s / np.radians(values["turn_deg_s"])), 5),
         "walk.turn_gain_percent_per_deg": round(values["gain"], 2),
@@ -85,12 +75,10 @@ def fields_of(values: Mapping[str, float], base: Scenario, speed_m_s: float) -> 
 
 
 def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
-    """Return the statistics of one session, (statistics,), in the order of ``SUMMARIES``.
+    """Return the statistics of one session, (statistics,), in the order of ``SUMMARIES``; NaN where undefined.
 
     The samples are ordered by robot and time. The rim is the outermost fifth of the arena on each side: the paper's
-    floor has 5 x 5 tiles. The quantiles of avoidance times are over intervals with avoidance; they are 0 if there is
-    none. If no interval has a known time spent avoiding, the first two statistics are NaN; if no robot has two samples,
-    all statistics of intervals but the quantiles and the ends of legs are.
+    floor has 5 x 5 tiles.
     """
     robot, time, x, y, avoid_s = (
         samples[name].to_numpy() for name in ("robot", "time_s", "x_m", "y_m", "avoid_s")
@@ -125,14 +113,10 @@ def fit_avoidance(
     candidates: int = CANDIDATES,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[dict[str, Floats], Floats, dict[str, tuple[float, float, float]]]:
-    """Fit the parameters of avoidance and turning.
+    """Fit the parameters of avoidance and turning, with all other fields of the scenario fitted already.
 
-    Args:
-        found: real sessions; those whose log does not hold the time spent avoiding are left out.
-        scenario: scenario in which all other fields are fitted already.
-        speed_m_s: mean speed of the robots at the start, which turns turning rates into a track (``fields_of``).
-        candidates: number of parameter vectors tried, one run each.
-        progress: called with the share of these runs that is done, after each run.
+    Sessions whose log does not hold the time spent avoiding are left out. ``speed_m_s`` is that of robots at the start.
+
     Returns:
         The posterior sample by parameter, (accepted,) each; its weights, (accepted,), of sum 1; and by statistic its
         recorded value, and the 2.5 and 97.5 % quantiles of runs with posterior draws.
@@ -182,16 +166,8 @@ def posterior(
     """Accept the candidates nearest to the recorded sessions, and adjust them by regression.
 
     Nearest means the smallest Euclidean distance of the statistics from their mean over the recorded sessions, each
-    statistic divided by its noise.
-
-    Args:
-        tried: parameters of the candidates, (candidates, parameters).
-        seen: statistics of the candidates' runs, (candidates, statistics).
-        real: statistics of the recorded sessions, (sessions, statistics).
-        bounds: lowest and highest value of each parameter in the prior, (parameters,) each.
-    Returns:
-        The accepted draws, (accepted, parameters), adjusted and clipped to the prior; and their weights, (accepted,),
-        of sum 1.
+    divided by its noise. ``tried`` has parameters, ``seen`` and ``real`` statistics in columns; ``bounds`` are those of
+    the prior. Returns the accepted draws, clipped to the prior, (accepted, parameters), and their weights, of sum 1.
     """
     # Noise of each statistic: the variance between runs of the same parameters, estimated by the residuals of a
     # quadratic in the parameters (1, each, and their products), plus the variance between real sessions.

@@ -97,10 +97,8 @@ class DriveFit:
 def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
     """Fit speed, battery and veer over all robots, and speed and bend of each robot if robots can be matched.
 
-    Args:
-        found: sessions, with positions corrected for the camera.
-        base: scenario with the sample interval that the robots were programmed with.
-        draws: number of draws.
+    Positions are corrected for the camera; ``base`` has the sample interval that the robots were programmed with.
+
     Raises:
         InputError: fewer than two robots with ten drives; a robot counts once in each session.
     """
@@ -130,10 +128,7 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
 
 
 def timed_drive_ms(base: Scenario) -> float:
-    """Return how long a robot drives from a sample to the next stop, without turns: until its timer exceeds tau, ms.
-
-    It is the first multiple of the control period above the sample interval tau.
-    """
+    """Return how long a robot drives until its timer exceeds tau: the first multiple of a control period above it."""
     period = base.run.control_period_ms
     return period * (math.floor(base.sample.sample_interval_ms / period) + 1.0)
 
@@ -143,9 +138,8 @@ def _fields(
 ) -> dict[str, object]:
     """Return the scenario's fields, clipped to what robots can have; None: robots do not have it.
 
-    Speed factors are positive, a battery outlasts the run, and misalignments are between -0.5 and 0.5. Fields of
-    individual robots are given only if speeds vary more between robots than within them, because the list of their
-    speed factors requires ``speed_redraw`` "robot".
+    Fields of individual robots are given only if speeds vary more between robots than within them, because the list of
+    their speed factors requires ``speed_redraw`` "robot".
     """
     full_m_s = base.robot.full_speed_m_s
     mean = ratio * values["start_speed_m_s"] / full_m_s  # speed factor
@@ -207,7 +201,7 @@ def _round(value: float, digits: int = 5) -> float:
 
 
 def _table_of_robots(found: Dataset) -> pl.DataFrame:
-    """Return a row for each robot with ten drives in each session: run, and what ``line_of`` and ``course_of`` give."""
+    """Return ``run``, ``line_of`` and ``course_of`` of each robot with ten drives in each session."""
     courses = dict(undisturbed(found.samples).group_by("run", "robot", maintain_order=True))
     rows: list[dict[str, float]] = []
     for name, own in found.drives.sort("run", "robot", maintain_order=True).group_by(
@@ -222,10 +216,10 @@ def _table_of_robots(found: Dataset) -> pl.DataFrame:
 
 
 def line_of(own: pl.DataFrame) -> dict[str, float]:
-    """Return how fast a robot drives in one session, from its drives in the order of time: its line v(t).
+    """Return the line v(t) of a robot's drives in one session.
 
-    Real speeds change slowly, too. So ``start_error_m_s``, the standard error of the speed at the start, is that of
-    ``BLOCKS`` stretches that deviate independently.
+    Real speeds change slowly, too: the standard error of the speed at the start is that of ``BLOCKS`` stretches that
+    deviate independently.
     """
     time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
     slope, start = np.polyfit(time, speed, 1)
@@ -247,12 +241,8 @@ def line_of(own: pl.DataFrame) -> dict[str, float]:
 def undisturbed(samples: pl.DataFrame) -> pl.DataFrame:
     """Return the undisturbed intervals whose previous interval is undisturbed too, so that a turn is defined.
 
-    Intervals with a turn of 40 degrees or more are left out, because it is taken to be a turn on the spot.
-
-    Returns:
-        One row per interval, ordered by run, robot and time: run, robot; index and time_s of the sample that ends the
-        interval (the index counts a robot's samples in a run from 0); turn_rad, the direction of the interval's step
-        minus that of the previous interval's; and distance_m.
+    Those with a turn of 40 degrees or more are left out, because it is taken to be a turn on the spot. ``index`` counts
+    a robot's samples in a run; it and ``time_s`` are those of the sample that ends the interval.
     """
     key = ["run", "robot"]
     without_avoidance = pl.col("avoid_s") < ROUNDING_S
@@ -270,10 +260,7 @@ def undisturbed(samples: pl.DataFrame) -> pl.DataFrame:
 
 
 def course_of(own: pl.DataFrame) -> dict[str, Any]:
-    """Return how one robot drives in one session, from its rows of ``undisturbed``; empty with too few of them.
-
-    A value in 1/m, multiplied by half the track (m), is a misalignment. ``samples`` are those up to the last turn.
-    """
+    """Return how a robot drives in one session, from ``undisturbed``; ``samples`` are those up to the last turn."""
     if own.height < 30:
         return {}
     turn, distance, time = (own[name].to_numpy() for name in ("turn_rad", "distance_m", "time_s"))
@@ -340,8 +327,8 @@ def _laws(table: pl.DataFrame, robots: pl.DataFrame, draws: int) -> tuple[dict[s
 def _slow_share(table: pl.DataFrame) -> float:
     """Return the share of a veer's variance that is slow, from the mean autocorrelation of turns over ``SLOW_LAGS``.
 
-    The slow part is linear between independent values every ``DRIFT_SAMPLES`` samples. It changes over these lags, and
-    deviations are those from a session's own middle, which takes a part of both parts away.
+    The slow part is linear between independent values every ``DRIFT_SAMPLES`` samples. Deviations are those from a
+    session's own middle, which takes a part of both parts away.
     """
     known = table.drop_nulls("correlation")
     if known.is_empty():
@@ -359,10 +346,8 @@ def _slow_share(table: pl.DataFrame) -> float:
 def _matched(table: pl.DataFrame) -> pl.DataFrame | None:
     """Match the robots of all sessions: the table with a column ``body``, the robot of the first session.
 
-    Returns:
-        None if sessions have different numbers of robots, or if matched robots differ too much between sessions: their
-        variance, in units of ``APART`` squared, exceeds 1 in the mean over robots, speed and bend (if all bends are
-        known). The sessions then have different robots.
+    None if sessions have different robots: other numbers of them, or a variance of matched robots, in units of
+    ``APART`` squared, above 1 in the mean over robots, speed and bend (if all bends are known).
     """
     sessions = table.partition_by("run", maintain_order=True)
     if len({session.height for session in sessions}) > 1:
@@ -413,9 +398,8 @@ def _distance_ratio(found: Dataset, table: pl.DataFrame, base: Scenario) -> floa
     """Return the distance driven in undisturbed intervals, divided by the distance at driving speed.
 
     The distance driven is the arc of the robot's bend whose chord is the mean distance between the two samples, without
-    intervals in which something held the robot up. The distance at driving speed is the mean speed times the time of a
-    drive from sample to sample. Both are means over robots in sessions. The result is 1, no correction, with fewer than
-    50 undisturbed intervals, if a robot has none, and if the ratio is not between 0.8 and 1.25, which is not plausible.
+    intervals in which something held the robot up. 1, no correction, with fewer than 50 such intervals, if a robot has
+    none, and if the ratio is not plausible.
     """
     calm = calm_intervals(found.samples).filter(pl.col("distance_m") > LEAST_M).sort("run", "robot")
     chords = calm.group_by("run", "robot", maintain_order=True).agg(pl.col("distance_m").mean())

@@ -65,17 +65,11 @@ class Path(NamedTuple):
 
 
 def fit_rays(found: Dataset, base: Scenario) -> dict[str, object]:
-    """Fit the angles and starts of the rays, and the largest turn at the end of a leg.
+    """Fit the angles and starts of the rays, and the largest turn at the end of a leg; return the scenario's fields.
 
     A robot's number is taken to mean the same sensors in all sessions. (In the study's recordings the starts of the
     rays belong to the number, but speed and veer do not, so ``fit_drive`` matches robots instead.) The rays are left
     out if a robot has fewer than 20 approaches, the largest turn with fewer than 30 turns.
-
-    Args:
-        found: sessions, with positions corrected for the camera.
-        base: scenario with theta_c, the lateral offsets and the ratios of the rays' angles.
-    Returns:
-        The scenario's fields by dotted name; None: each robot has none of its own.
     """
     paths = paths_of(found)
     robot, distance_m, incidence_rad = approaches_of(paths, found, base)
@@ -260,8 +254,7 @@ def _first_turn(path: Floats, driving: Bools, bend_per_m: float) -> tuple[float,
 def _to_wall(x: float, y: float, course: float, size: tuple[float, float]) -> tuple[float, float]:
     """Return the distance (m) and incidence (rad) of the nearest wall that the robot does not move away from.
 
-    A robot moves away from a wall if its course is more than 107 degrees from the wall's outward normal: somewhat more
-    than a right angle, because measured courses have errors.
+    It moves away if its course is more than 107 degrees from the outward normal, as measured courses have errors.
     """
     distances = np.array([x, size[0] - x, y, size[1] - y])  # left, right, bottom, top
     incidences = wrapped(course - np.array([np.pi, 0.0, -np.pi / 2, np.pi / 2]))

@@ -120,11 +120,8 @@ class _Data(NamedTuple):
 def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     """Fit the Gamma distributions of energies, reach and blur of edges, and the spreads of tiles and robots.
 
-    Some 500 samples on each kind of tile are needed for usable estimates.
+    Some 500 samples on each kind of tile are needed for usable estimates. Positions are corrected for the camera.
 
-    Args:
-        found: sessions, with positions corrected for the camera.
-        draws: number of bootstrap resamples.
     Raises:
         InputError: all samples lie on one kind of tile, or no law within the bounds of the fit describes the energies.
     """
@@ -181,11 +178,7 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
 
 
 def unit_of(energy: Floats) -> float:
-    """Return the power of 10 nearest to the median of energies, in which the bounds of the fit are those of any unit.
-
-    Args:
-        energy: energies, (samples,).
-    """
+    """Return the power of 10 nearest to the median of energies, the unit for which the bounds of the fit are."""
     median = float(np.median(energy))
     return 10.0 ** round(math.log10(median)) if median > 0.0 else 1.0
 
@@ -193,9 +186,6 @@ def unit_of(energy: Floats) -> float:
 def fit_plain(energy: Floats, edge_m: Floats, vibrating: Bools) -> Floats:
     """Return theta of maximum likelihood, (8,), for tiles and robots without differences (all factors 1).
 
-    Args:
-        energy, edge_m: energy and signed distance from the edge of each sample, (samples,).
-        vibrating: whether the tile below each sample vibrates, (samples,).
     Raises:
         InputError: all samples lie on one kind of tile.
     """
@@ -204,24 +194,14 @@ def fit_plain(energy: Floats, edge_m: Floats, vibrating: Bools) -> Floats:
 
 
 def log_likelihoods(theta: Floats, energy: Floats, edge_m: Floats) -> Floats:
-    """Return the log likelihood of each sample, (samples,), for tiles and robots without differences (all factors 1).
-
-    Args:
-        theta: from ``fit_plain``.
-        energy, edge_m: energy and signed distance from the edge of each sample, (samples,).
-    """
+    """Return the log likelihood of each sample, (samples,), with ``theta`` of ``fit_plain``."""
     ones = np.ones(energy.size)
     return np.log(sum(_parts_of(_Data(energy, edge_m, ones, ones), theta)) + _FLOOR)
 
 
 def _start(energy: Floats, on: Bools) -> Floats:
-    """Return the theta that a fit starts from, (8,).
+    """Return the theta that a fit starts from: of each kind of tile the shape 4, and the standard deviation.
 
-    For each kind of tile the shape is 4, the scale gives the standard deviation of the energies there, and the location
-    is 0 or a value below the least energy. The reach is 0.5 cm, the blur 1.5 cm.
-
-    Args:
-        energy: energy of each sample, (samples,). on: whether the tile below each sample vibrates, (samples,).
     Raises:
         InputError: there is no sample on one kind of tile.
     """
@@ -275,12 +255,7 @@ def _parts_of(data: _Data, theta: Floats) -> tuple[Floats, Floats]:
 
 
 def _fit(data: _Data, weight: Floats, theta: Floats, quick: bool = False) -> Floats:
-    """Return the theta of largest weighted likelihood.
-
-    Args:
-        data: the samples with their factors. weight: weight of each sample, (samples,). theta: start values.
-        quick: whether few iterations are enough, as in a bootstrap that starts from the best theta.
-    """
+    """Return the theta of largest weighted likelihood; few iterations if ``quick``, from nearly the best theta."""
 
     def loss(at: Floats) -> float:
         return -float(weight @ np.log(sum(_parts_of(data, at)) + _FLOOR)) / float(weight.sum())
@@ -302,18 +277,10 @@ def _fit(data: _Data, weight: Floats, theta: Floats, quick: bool = False) -> Flo
 def _factors(
     theta: Floats, data: _Data, tiles: tuple[Ints, Ints], cluster: Ints, of_tile: Floats, of_robot: Floats,
 ) -> tuple[Floats, Floats, tuple[_Between, _Between]]:  # fmt: skip
-    """Estimate the log factors of tiles and robots.
+    """Estimate the log factors of tiles and robots, and how far both are apart, from the present ones.
 
-    Every sample counts twice: as if it was read on its nearest vibrating tile, and as if on its nearest still tile. The
-    two are weighted by their probabilities.
-
-    Args:
-        theta: parameters of the distributions. data: the samples with the present factors.
-        tiles: numbers of the nearest vibrating and of the nearest still tile of each sample, (samples,) each.
-        cluster: number of the robot in its session, for each sample, (samples,).
-        of_tile, of_robot: present log factors of the tiles, (tiles,), and of the robots, (clusters,).
-    Returns:
-        Log factors of the tiles, (tiles,), and of the robots, (clusters,), and how far both are apart.
+    Every sample counts twice: as if it was read on its nearest vibrating tile, and as if on its nearest still tile
+    (``tiles``). The two are weighted by their probabilities. ``cluster`` is a sample's robot in its session.
     """
     from_vibrating, from_still = _parts_of(data, theta)
     # Probability that a sample was read on a vibrating tile. Without ``_FLOOR`` it would be 0 / 0 for an energy that is
@@ -339,14 +306,10 @@ def _factors(
 
 
 def _effects(rest: Floats, weight: Floats, group: Ints, groups: int) -> tuple[Floats, _Between]:
-    """Return the effect of each group, (groups,), and how far groups are apart.
+    """Return the effect of each of ``groups`` tiles or robots, (groups,), and how far they are apart.
 
-    A group is a tile or a robot. Its effect is its mean minus the mean over groups, multiplied by the share of its
-    variance that is no sampling noise. Groups of total weight 5 or less are not used, and have effect 0.
-
-    Args:
-        rest, weight, group: value, weight, and group (from 0) of each sample, (samples,) each.
-        groups: number of groups.
+    An effect is the group's mean minus the mean over groups, multiplied by the share of its variance that is no
+    sampling noise. Groups of total weight 5 or less have effect 0. Other arguments: of each sample, (samples,).
     """
     total = np.maximum(np.bincount(group, weight, groups), 1e-9)  # above 0, for groups without samples
     mean = np.bincount(group, weight * rest, groups) / total
@@ -366,9 +329,6 @@ def _effects(rest: Floats, weight: Floats, group: Ints, groups: int) -> tuple[Fl
 
 
 def _mean_log(shape: float, scale: float, location: float) -> float:
-    """Return the mean of log(max(G, 1e-3)) for G of a shifted Gamma distribution, by the midpoint rule.
-
-    The limit 1e-3 is that of ``_factors``, which subtracts this mean from log(max(E, 1e-3)).
-    """
+    """Return the mean of log(max(G, 1e-3)), as in ``_factors``, of a shifted Gamma law, by the midpoint rule."""
     u = (np.arange(400) + 0.5) / 400  # probabilities whose quantiles stand for the distribution
     return float(np.log(np.maximum(scale * gammaincinv(shape, u) + location, 1e-3)).mean())
