@@ -42,7 +42,7 @@ def compare(
 
 
 CANDIDATES = 4000
-"""Default of ``--candidates``: that of ``fit_avoidance``, which takes long to import; a test compares them."""
+"""Default of ``--candidates``: that of ``fit_avoidance``, which takes long to import."""
 
 
 def fit(

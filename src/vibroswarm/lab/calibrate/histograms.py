@@ -91,7 +91,7 @@ def draw_histograms(frame: pl.DataFrame, feature: str, *, style: str = "column")
     # A single extreme bin of a map must not make all others pale.
     highest = float(np.quantile(own["share"].to_numpy(), 0.999))
     aspect: Any = "auto" if feature == "distances" else "equal"  # both axes of the others are lengths
-    all_axes = panels_of(figure, len(panels), 2, sharex=True, sharey=True)
+    all_axes = panels_of(figure, len(panels), 2, sharey=True)
     for axes, (source, part) in zip(all_axes, panels.items(), strict=True):
         shares = part["share"].to_numpy().reshape(BINS[feature], -1).T  # a row per y
         (left, right), (bottom, top) = SPANS[feature]
