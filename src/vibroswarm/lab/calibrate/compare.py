@@ -17,6 +17,7 @@ recognise a robot by its speed or a session by its battery.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -115,7 +116,7 @@ def compare(real: Result, simulated: Result) -> Comparison:
     likenesses = tuple(
         compare_feature(name, theirs, ours, tuple(values_of(one, name) for one in published))
         for name, (theirs, ours) in values.items()
-        if min(map(len, (*theirs, *ours))) >= FEWEST
+        if min(map(len, (*theirs, *ours)), default=0) >= FEWEST
     )
     if not likenesses:
         raise InputError(
@@ -246,15 +247,13 @@ def recognised(real: Sequence[pl.DataFrame], simulated: Sequence[pl.DataFrame]) 
     of their mean is taken as s^2 (1 / n + 1 / (n - 1)), s their standard deviation: 1 session is tested, n - 1 are
     trained on (Nadeau and Bengio 2003).
     """
-    rows = [
-        (is_simulated, session, int(key[0]), stretch)
-        for is_simulated, sessions in enumerate((real, simulated))
-        for session, samples in enumerate(sessions)
-        for key, own in samples.group_by("robot", maintain_order=True)
-        for stretch in columns_of(own)
-    ]
-    in_sessions = {robot: {row[:2] for row in rows if row[2] == robot} for robot in {row[2] for row in rows}}
-    robots = sorted(own for own, where in in_sessions.items() if len(where) == len(real) + len(simulated))
+    rows: list[tuple[int, int, int, Floats]] = []
+    for is_simulated, sessions in enumerate((real, simulated)):
+        for session, samples in enumerate(sessions):
+            for (robot,), own in samples.group_by("robot", maintain_order=True):
+                rows += [(is_simulated, session, int(robot), stretch) for stretch in columns_of(own)]
+    in_sessions = Counter(row[2] for row in {row[:3] for row in rows})
+    robots = sorted(own for own, count in in_sessions.items() if count == len(real) + len(simulated))
     if len(robots) < 2:
         return None
     with threadpool_limits(1):  # threads cost more than they save with so few rows

@@ -139,8 +139,11 @@ def drive_table(result: Result, samples: pl.DataFrame) -> pl.DataFrame:
             speed = distance_m / (stop_s - since_s) if track is None else _speed_on(track, since_s, stop_s)
             if speed is not None:
                 rows.append((int(run), int(robot), time_s, speed))
-    schema = {"run": pl.UInt32, "robot": pl.UInt16, "time_s": pl.Float64, "speed_m_s": pl.Float64}
-    return pl.DataFrame(rows, schema=schema, orient="row")
+    return pl.DataFrame(
+        rows,
+        orient="row",
+        schema={"run": pl.UInt32, "robot": pl.UInt16, "time_s": pl.Float64, "speed_m_s": pl.Float64},
+    )
 
 
 def track_of(result: Result, run: int, robot: int) -> Floats | None:

@@ -133,8 +133,10 @@ def _sensor(fit: Fit) -> Fit:
         f"sensor.{name}": value if name not in SPREADS or value > 0 else None
         for name, value in found.rounded(found.values).items()
     }
-    groups = int(robot_clusters(fit.found.samples).max()) + 1
-    return fit.with_fields(fields, _estimates("sensor.", found.values, found.draws, groups))
+    figures = _estimates(
+        "sensor.", found.values, found.draws, groups=int(robot_clusters(fit.found.samples).max()) + 1
+    )
+    return fit.with_fields(fields, figures)
 
 
 def _interruption(fit: Fit) -> Fit:
@@ -224,8 +226,10 @@ def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
 
     Only those count that determine how often robots meet each other and walls, and when they sample.
     """
-    around = ("swarm.robots", "arena.width_m", "arena.height_m")
-    there = {name: sorted({result.scenario[name] for result in results}) for name in around}
+    there = {
+        name: sorted({result.scenario[name] for result in results})
+        for name in ("swarm.robots", "arena.width_m", "arena.height_m")
+    }
     for one in (one for result in results for one in getattr(result, "inferred", ())):
         if one["name"] == TAU and one["value"] is not None and not one["low"] <= base[TAU] <= one["high"]:
             there[TAU] = [one["value"]]
@@ -251,15 +255,13 @@ class Fold:
 
 def on_floor(base: Scenario, floor: Floor) -> Scenario:
     """Return the scenario with this floor's tiles, their size and place."""
-    rows, columns, width, height, left, bottom = floor.geometry
-    # A scenario without a tile size has tiles that fill its arena.
-    fills = np.allclose((columns * width, rows * height, left, bottom), (*base.arena.size_m, 0.0, 0.0))
+    _, _, width, height, left, bottom = floor.geometry
     return base.with_values(
         {
             "floor.source": floor.name or "recorded",  # only its name: tiles take precedence
             "floor.tiles": list(rows_of(floor.tiles)),
-            "floor.tile_width_m": None if fills else width,
-            "floor.tile_height_m": None if fills else height,
+            "floor.tile_width_m": width,
+            "floor.tile_height_m": height,
             "floor.left_m": left,
             "floor.bottom_m": bottom,
         }

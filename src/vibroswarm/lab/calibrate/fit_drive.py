@@ -210,9 +210,11 @@ def _table_of_robots(found: Dataset) -> pl.DataFrame:
         if own.height >= 10:
             course = course_of(courses[name]) if name in courses else {}
             rows.append({"run": name[0]} | line_of(own) | course)
-    course_columns = ("bend_per_m", "spread_per_m", "correlation", "distance_spread", "turns", "samples")
-    schema = dict.fromkeys((*(rows[0] if rows else ()), *course_columns), pl.Float64)
-    return pl.DataFrame(rows, schema=schema)
+    names = (
+        "run", "speed_m_s", "start_speed_m_s", "lost_per_s", "within_m_s", "start_error_m_s",
+        "bend_per_m", "spread_per_m", "correlation", "distance_spread", "turns", "samples",
+    )  # fmt: skip
+    return pl.DataFrame(rows, schema=dict.fromkeys(names, pl.Float64))
 
 
 def line_of(own: pl.DataFrame) -> dict[str, float]:
