@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import vibroswarm.scenario.presets
 from vibroswarm.lab.calibrate.dataset import dataset_of
-from vibroswarm.lab.calibrate.fit import FITS, fit
+from vibroswarm.lab.calibrate.fit import FITS, avoidance, fit
 from vibroswarm.paper.columns import REAL, read_recordings
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -60,7 +60,9 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 def fits_table() -> str:
     """What each fit estimates, from which samples or intervals, with which error."""
-    rows = [[step.__name__.lstrip("_"), (step.__doc__ or "").partition("\n")[0]] for step in FITS]
+    rows = [
+        [step.__name__.lstrip("_"), (step.__doc__ or "").partition("\n")[0]] for step in (*FITS, avoidance)
+    ]
     return table(["fit", "what it estimates"], rows)
 
 

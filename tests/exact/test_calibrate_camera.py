@@ -56,7 +56,7 @@ def test_a_simulation_is_compared_as_the_camera_would_have_seen_it(
     log = recording_of([read_log(path) for path in logs], ground, told)
     exact = {one.feature: one.as_published for one in compare(log, made).likenesses}
     through = {one.feature: one.as_published for one in found.likenesses}
-    plain = compare(seen, with_camera, camera=RIGHT)
+    plain = compare(seen, made)
     without = {one.feature: one.as_published for one in plain.likenesses}
     for feature in ("distances", "steps"):
         # The log rounds times, and has a robot's first position; one without a camera is as similar.

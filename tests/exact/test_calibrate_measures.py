@@ -10,7 +10,6 @@ import pytest
 from scipy import stats
 from scipy.spatial.distance import cdist
 
-from vibroswarm.lab.calibrate.classifier import recognised
 from vibroswarm.lab.calibrate.compare import (
     at_equal_counts,
     ceiling,
@@ -18,9 +17,16 @@ from vibroswarm.lab.calibrate.compare import (
     distances,
     mean_distance,
     null_similarity,
+    recognised,
 )
-from vibroswarm.lab.calibrate.features import FEATURES, histogram, shapeless, values_of
-from vibroswarm.lab.calibrate.samples import by_session, sample_table
+from vibroswarm.lab.calibrate.samples import (
+    FEATURES,
+    by_session,
+    histogram,
+    sample_table,
+    shapeless,
+    values_of,
+)
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 

@@ -78,7 +78,7 @@ def test_a_fit_is_a_scenario_that_runs(kept, tmp_path, capsys):
     made = Scenario.read(out)
     assert made.sensor.rms_threshold == Scenario().sensor.rms_threshold  # what robots are told is the base's
     assert made.run.t_end_s == 120.0
-    assert {one["name"] for one in found["estimates"]} >= {"veer_rad_s", "sensor.edge_reach_m"}
+    assert {one["name"] for one in found["estimates"]} >= {"between_m_s", "sensor.edge_reach_m"}
     assert [one["session"] for one in found["scores"]] == [0] * 6 + [1] * 6
     assert all(0 < one["fitted"] <= 1 for one in found["scores"])
     assert main(["run", "--scenario", str(out), "--out", str(tmp_path / "run")]) == 0

@@ -21,12 +21,6 @@ def compare(
     simulated: Annotated[Path, Option("folder of a simulation, or of its imported log", "SIM")],
     /,
     *,
-    no_camera: Annotated[
-        bool,
-        Option(
-            "take simulated positions as they are, not as the camera of SIM's scenario ([camera]) would see them"
-        ),
-    ] = False,
     output: Drawn,
 ) -> None:
     """Compare the samples of a recording with a simulation of the same floor and settings; each run is a session.
@@ -36,36 +30,16 @@ def compare(
     examples:
       vibroswarm calibrate compare lab simulated --json
     """
-    from vibroswarm.lab.calibrate.camera import RIGHT
     from vibroswarm.lab.calibrate.compare import compare
     from vibroswarm.lab.recordings.recording import read_result
 
-    claim(output, "calibrate compare", str(real), str(simulated), no_camera)
+    claim(output, "calibrate compare", str(real), str(simulated))
     results = read_result(real), read_result(simulated)
-    deliver(compare(*results, camera=RIGHT if no_camera else None), output, sources=results)
-
-
-def figures(
-    *folders: Annotated[Path, Option("folders of recordings or simulations", "DIR")],
-    at: Annotated[
-        float | None, Option("threshold for error rates (default: that of the first DIR)", "THETA")
-    ] = None,
-    json: Json = False,
-) -> None:
-    """Figures of one or more results (each run is a session) with 95 % intervals over sessions."""
-    from vibroswarm.lab.calibrate.session_statistics import figures_of
-    from vibroswarm.lab.recordings.recording import read_result
-    from vibroswarm.report.calibration import of_figures
-
-    results = {str(folder): read_result(folder) for folder in folders}
-    # One threshold for all results, because error rates depend on it.
-    at = next(iter(results.values())).scenario.sensor.rms_threshold if at is None else at
-    found = {folder: figures_of(result, at) for folder, result in results.items()}
-    print_report(of_figures(found, at), as_json=json)
+    deliver(compare(*results), output, sources=results)
 
 
 CANDIDATES = 4000
-"""Default of ``--candidates``: that of ``fit_avoidance``, which takes long to import; a test compares them."""
+"""Default of ``--candidates``: that of ``fit_avoidance``, which takes long to import."""
 
 
 def fit(
@@ -88,10 +62,10 @@ def fit(
       vibroswarm calibrate fit lab --out mine.toml
       vibroswarm calibrate fit lab --folds
     """
-    from vibroswarm.lab.calibrate.cross_validation import folds as validated
     from vibroswarm.lab.calibrate.dataset import dataset_of
     from vibroswarm.lab.calibrate.fit import contradictions
     from vibroswarm.lab.calibrate.fit import fit as fitted_to
+    from vibroswarm.lab.calibrate.fit import folds as validated
     from vibroswarm.lab.recordings.recording import read_result
 
     refuse(out is None and force, "--force", "has no effect without --out FILE")

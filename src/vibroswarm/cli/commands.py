@@ -80,7 +80,6 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
         Command("lab track", "track robots with ArUco markers in the video of a camera", "lab_track:track"),
         Command("calibrate", "compare a simulation with recordings, and fit it to them"),
         Command("calibrate compare", "how similar recordings and simulations are", "calibrate:compare"),
-        Command("calibrate figures", "how robots drive, avoid, spread and read", "calibrate:figures"),
         Command("calibrate fit", "fit a scenario to recordings, and validate it", "calibrate:fit"),
     ),
     "results": (

@@ -27,10 +27,9 @@ from numpy.typing import NDArray
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.errors import InputError, in_file
 from vibroswarm.inspection.samples import FEWEST, Doubt, Draw, Floats, Law, session_hash
-from vibroswarm.lab.calibrate.camera import RIGHT, Camera, corrected
+from vibroswarm.lab.calibrate.camera import RIGHT, Camera, corrected, corrected_sessions, fit_camera
 from vibroswarm.lab.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.lab.calibrate.few_groups import limits_of
-from vibroswarm.lab.calibrate.fit_camera import fit_camera
 from vibroswarm.lab.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.lab.recordings.threshold import robot_clusters
@@ -64,8 +63,8 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
     chosen = found.only(sessions)
     # A camera saw the places, or may have seen them, unless a recording has no tracks.
     is_seen = not any(isinstance(one, Recording) and one.tracks.is_empty() for one in found.results)
-    camera = fit_camera(chosen, draws=0).camera if is_seen else RIGHT
-    fitted = fit_sensor(chosen.corrected(camera), draws=draws)
+    camera = fit_camera(chosen) if is_seen else RIGHT
+    fitted = fit_sensor(corrected_sessions(chosen, camera), draws=draws)
     base = found.results[0].scenario
     draws_of = ({name: float(values[k]) for name, values in fitted.draws.items()} for k in range(draws))
     sensor, *drawn = (_sensor_of(base, fitted.rounded(values)) for values in (fitted.values, *draws_of))

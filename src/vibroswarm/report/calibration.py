@@ -1,24 +1,19 @@
-"""The reports of ``calibrate``: comparisons, figures of sessions, and fits."""
+"""The reports of ``calibrate``: comparisons and fits."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
-from typing import Any
 
 import polars as pl
 
-from vibroswarm.core.numbers import count, listed, number, percent, stated
+from vibroswarm.core.numbers import count, listed, number, percent
 from vibroswarm.lab.calibrate.camera import seen_through
-from vibroswarm.lab.calibrate.classifier import STRETCH
-from vibroswarm.lab.calibrate.compare import Comparison
-from vibroswarm.lab.calibrate.cross_validation import Fold
-from vibroswarm.lab.calibrate.features import FEATURES, WORDS
-from vibroswarm.lab.calibrate.fit import Fit
-from vibroswarm.lab.calibrate.histograms import AXES, draw_maps, draw_shares, histograms_of
-from vibroswarm.lab.calibrate.session_statistics import FIGURES
-from vibroswarm.lab.calibrate.session_statistics import Figure as SessionFigure
+from vibroswarm.lab.calibrate.compare import STRETCH, Comparison
+from vibroswarm.lab.calibrate.fit import Fit, Fold
+from vibroswarm.lab.calibrate.histograms import draw_histograms, histograms_of
+from vibroswarm.lab.calibrate.samples import FEATURES, WORDS
 from vibroswarm.plots.picture import Picture
 from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.result import Result
@@ -70,22 +65,6 @@ def of_comparison(found: Comparison, sources: tuple[Result, Result] | None = Non
     )
 
 
-def of_figures(figures: Mapping[str, Sequence[SessionFigure]], rms_threshold: float) -> Report:
-    """Return figures of several results side by side, with 95 % intervals over sessions."""
-    rows: list[dict[str, Any]] = []
-    for place, (words, scale) in enumerate(FIGURES.values()):
-        row: dict[str, Any] = {"statistic": words}
-        for folder, of_folder in figures.items():
-            limits = _limits(folder, of_folder[place].interval)
-            row |= {name: None if value is None else scale * value for name, value in limits.items()}
-        rows.append(row)
-    return Report(
-        title="Figures of sessions",
-        answer=(f"Error rates are at a threshold of {stated(rms_threshold)}.",),
-        parts={"figures": Table(pl.DataFrame(rows, infer_schema_length=None))},
-    )
-
-
 @report.register
 def of_fit(found: Fit, judged: Sequence[Fold] = ()) -> Report:
     """Return a fitted scenario, the estimates behind it, and how it holds for what it was not fitted to."""
@@ -96,7 +75,7 @@ def of_fit(found: Fit, judged: Sequence[Fold] = ()) -> Report:
         for name, (recorded, low, high) in found.predicted.items()
     ]
     answer = [
-        f"{count(len(found.changed), 'field')} fitted to {count(found.sessions, 'session')}.",
+        f"{count(len(found.changed), 'field')} fitted to {count(len(found.found.sessions), 'session')}.",
         f"Avoidance outside of what the fit predicts: {listed(outside) if outside else 'nothing'}.",
     ]
     parts: dict[str, Table | Figure] = {
@@ -115,14 +94,9 @@ def of_fit(found: Fit, judged: Sequence[Fold] = ()) -> Report:
             f"A classifier tells {percent(mean)} of the stretches of held-out sessions from simulated ones "
             "(chance: 50 %)."
         )
-        for name, title in (("scores", "Held-out sessions"), ("rates", "Bits of held-out sessions")):
-            frames = [
-                getattr(fold, name).insert_column(0, pl.lit(fold.session).alias("session")) for fold in judged
-            ]
-            parts[name] = Table(pl.concat(frames), title)
-    return Report(
-        "Fitted scenario", tuple(answer), parts, setting=f"{count(found.motion_runs, 'run')} of motion"
-    )
+        frames = [fold.scores.select(pl.lit(fold.session).alias("session"), pl.all()) for fold in judged]
+        parts["scores"] = Table(pl.concat(frames), "Held-out sessions")
+    return Report("Fitted scenario", tuple(answer), parts)
 
 
 def _limits(name: str, interval: Interval | None) -> dict[str, float | None]:
@@ -130,7 +104,4 @@ def _limits(name: str, interval: Interval | None) -> dict[str, float | None]:
 
 
 def _drawn(sources: Mapping[str, Result], feature: str) -> Picture:
-    frame = histograms_of(sources).filter(feature=feature)
-    if frame["y"].null_count():
-        return draw_shares(frame.select("x", "share", series="source"), x_label=AXES[feature][0])
-    return draw_maps(frame.select("x", "y", "share", panel="source"), feature)
+    return draw_histograms(histograms_of(sources), feature)

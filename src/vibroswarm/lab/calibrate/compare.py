@@ -1,4 +1,4 @@
-"""Compare real with simulated samples, feature by feature: the paper's cosine similarity, and energy distances.
+"""Compare real with simulated samples: the paper's cosine similarity, energy distances, and a classifier.
 
 | name | symbol | equation |
 |---|---|---|
@@ -9,38 +9,51 @@
 | energy distance | H | (2 E abs(X - Y) - E abs(X - X') - E abs(Y - Y')) / (2 E abs(X - Y)): 0 if X and Y are distributed alike, 1 without overlap |
 
 Each run is a session. Energy distances are means over pairs of sessions, of columns divided by their standard deviation
-over all real values.
+over all real values. The classifier (scikit-learn's logistic regression, extra ``lab``) recognises stretches of
+consecutive samples of one robot. It is tested on other robots and other sessions than it was trained on, so it cannot
+recognise a robot by its speed or a session by its battery.
 """  # noqa: E501
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import polars as pl
 from scipy.spatial.distance import cdist
 from scipy.special import stdtrit
+from threadpoolctl import threadpool_limits
 
+from vibroswarm.core.angles import wrapped
 from vibroswarm.core.arrays import Floats
+from vibroswarm.core.optional_library import needed
 from vibroswarm.core.rng import Purpose, uniforms
-from vibroswarm.errors import InputError, check_kind
+from vibroswarm.errors import InputError
 from vibroswarm.lab.calibrate.camera import RIGHT, Camera, seen_through
-from vibroswarm.lab.calibrate.classifier import recognised
-from vibroswarm.lab.calibrate.features import FEATURES, histogram, shapeless, values_of
-from vibroswarm.lab.calibrate.samples import as_published, by_session
+from vibroswarm.lab.calibrate.samples import (
+    FEATURES,
+    ROUNDING_S,
+    as_published,
+    by_session,
+    histogram,
+    shapeless,
+    values_of,
+)
 from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.result import Result
-from vibroswarm.statistics.intervals import Interval, mean_interval, pseudo_values
+from vibroswarm.statistics.intervals import Interval, bounded_mean, mean_interval, pseudo_values
 
 DRAWS: Final = 20
 """Subsamples behind each similarity at equal counts."""
 FEWEST: Final = 10
 """Values of a session below which a feature is not compared."""
-MOST: Final = 4000
-"""Longer sessions are thinned evenly to this number of values, which limits the pairs to 16 million."""
+STRETCH: Final = 20
+"""Samples of a stretch, about a minute."""
 _SEED: Final = 20
 _FIRST, _SECOND, _UNIFORM = range(3)
 """Numbers of the data sets that random numbers are drawn for."""
@@ -53,10 +66,8 @@ class Likeness:
     feature: str
     as_published: float
     """S of all real and all simulated values, pooled over sessions, whatever their numbers."""
-    count: int
-    """Number of values drawn from each source for the other similarities: that of the smaller source."""
     at_equal_counts: float
-    """S of ``count`` values from each source, mean over draws."""
+    """S of as many values from each source as the smaller one has, mean over draws; so are null and ceiling."""
     null: float
     ceiling: float
     distance: Interval
@@ -89,26 +100,23 @@ def camera_between(real: Result, simulated: Result) -> Camera:
     return Camera.of(simulated.scenario)
 
 
-def compare(real: Result, simulated: Result, *, camera: Camera | None = None) -> Comparison:
+def compare(real: Result, simulated: Result) -> Comparison:
     """Compare the samples of two results; each run is a session.
 
     Args:
         real: recordings, or a simulation in their place.
         simulated: a simulation (or recordings) of the same floor and settings.
-        camera: the camera through which simulated positions are seen; by default ``camera_between``.
     Raises:
         InputError: no energies, or too few samples to compare anything; or scikit-learn is not installed.
     """
-    for words, result in (("the recording", real), ("the simulation", simulated)):
-        check_kind(result, Result, words, "a Result or a Recording")
-    camera = camera_between(real, simulated) if camera is None else camera
-    sessions = by_session(real), by_session(seen_through(simulated, camera))
-    published = as_published(real), as_published(seen_through(simulated, camera))
+    camera = camera_between(real, simulated)
+    both = real, seen_through(simulated, camera)
+    sessions, published = [by_session(one) for one in both], [as_published(one) for one in both]
     values = {name: [[values_of(one, name) for one in part] for part in sessions] for name in FEATURES}
     likenesses = tuple(
-        compare_feature(name, real_values, simulated_values, tuple(values_of(one, name) for one in published))
-        for name, (real_values, simulated_values) in values.items()
-        if min(map(len, (*real_values, *simulated_values)), default=0) >= FEWEST
+        compare_feature(name, theirs, ours, tuple(values_of(one, name) for one in published))
+        for name, (theirs, ours) in values.items()
+        if min(map(len, (*theirs, *ours)), default=0) >= FEWEST
     )
     if not likenesses:
         raise InputError(
@@ -126,36 +134,28 @@ def compare_feature(
 ) -> Likeness:
     """Compare one feature of real and simulated sessions, each with at least ``FEWEST`` values, (n, columns).
 
-    Args:
-        published: all real and all simulated values as the authors computed them, if they are others.
+    ``published`` are all real and all simulated values as the authors computed them, if they are others.
     """
     all_real, all_simulated = np.concatenate(real), np.concatenate(simulated)
     count = min(len(all_real), len(all_simulated))
     scale = all_real.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     scaled = ([_thinned(one) / scale for one in sessions] for sessions in (real, simulated))
-    distance, real_distance = distances(*scaled)
     return Likeness(
-        feature=feature,
-        as_published=similarity(feature, *(published or (all_real, all_simulated))),
-        count=count,
-        at_equal_counts=at_equal_counts(feature, all_real, all_simulated, count),
-        null=null_similarity(feature, all_real, count),
-        ceiling=ceiling(feature, all_real, count, count),
-        distance=distance,
-        real_distance=real_distance,
+        feature,
+        similarity(feature, *(published or (all_real, all_simulated))),
+        at_equal_counts(feature, all_real, all_simulated, count),
+        null_similarity(feature, all_real, count),
+        ceiling(feature, all_real, count, count),
+        *distances(*scaled),
     )
-
-
-def cosine(a: Floats, b: Floats) -> float:
-    """Return the cosine similarity S of two flattened histograms; NaN if one of them has no counts."""
-    norms = math.sqrt(float(a @ a) * float(b @ b))
-    return float(a @ b) / norms if norms > 0 else math.nan  # Eq. 25 of the paper
 
 
 def similarity(feature: str, one: Floats, other: Floats) -> float:
     """Return the cosine similarity S of the histograms of two sets of values; NaN if one has none within its range."""
-    return cosine(histogram(one, feature), histogram(other, feature))
+    a, b = histogram(one, feature), histogram(other, feature)
+    norms = math.sqrt(float(a @ a) * float(b @ b))
+    return float(a @ b) / norms if norms > 0 else math.nan  # Eq. 25 of the paper
 
 
 def ceiling(feature: str, real: Floats, n1: int, n2: int) -> float:
@@ -167,11 +167,7 @@ def ceiling(feature: str, real: Floats, n1: int, n2: int) -> float:
 
 
 def subsample(values: Floats, count: int, draw: int, which: int) -> Floats:
-    """Draw ``count`` of the values (rows) without replacement; return all if there are no more.
-
-    Args:
-        values: the values, (n, columns). draw: number of the draw. which: number of the data set.
-    """
+    """Draw ``count`` of the rows without replacement, or all if there are no more; ``which`` is the data set."""
     if count >= len(values):
         return values
     # ``draw`` and ``which`` take the places of a run and a robot in the address of random numbers.
@@ -227,10 +223,7 @@ def distances(real: Sequence[Floats], simulated: Sequence[Floats]) -> tuple[Inte
 
 
 def mean_distance(one: Floats, other: Floats | None = None) -> float:
-    """Return E abs(X - Y), the mean distance between the rows of two samples, (n, columns) each.
-
-    Without ``other``, return E abs(X - X'), the mean over the pairs of different rows of one sample, n at least 2.
-    """
+    """Return E abs(X - Y), the mean distance between the rows of two samples; of one, between its different rows."""
     others = one if other is None else other
     pairs = len(one) * (len(others) - (other is None))  # without ``other``, a row is not paired with itself
     parts = np.array_split(one, len(one) // 1000 + 1)  # all distances at once would fill the memory
@@ -238,6 +231,103 @@ def mean_distance(one: Floats, other: Floats | None = None) -> float:
 
 
 def _thinned(values: Floats) -> Floats:
-    if len(values) <= MOST:
-        return values
-    return np.asarray(values[np.linspace(0, len(values) - 1, MOST).astype(int)])
+    """Return at most 4000 rows, evenly spaced, which limits the pairs to 16 million."""
+    return np.asarray(values[np.linspace(0, len(values) - 1, min(len(values), 4000)).astype(int)])
+
+
+def recognised(real: Sequence[pl.DataFrame], simulated: Sequence[pl.DataFrame]) -> Interval | None:
+    """Return the balanced accuracy of a classifier of real and simulated sessions, with its interval over real ones.
+
+    Real session i is tested against simulated session i, robot by robot, by classifiers trained on the other robots in
+    the other sessions; simulated sessions are used again from the first if there are fewer of them. A session that is
+    the only one of its kind is used for the training too. None with fewer than two robots that have a stretch in each
+    session; chance is 0.5.
+
+    The classifiers of n held-out sessions share most of their training, so that accuracies vary together. The variance
+    of their mean is taken as s^2 (1 / n + 1 / (n - 1)), s their standard deviation: 1 session is tested, n - 1 are
+    trained on (Nadeau and Bengio 2003).
+    """
+    rows: list[tuple[int, int, int, Floats]] = []
+    for is_simulated, sessions in enumerate((real, simulated)):
+        for session, samples in enumerate(sessions):
+            for (robot,), own in samples.group_by("robot", maintain_order=True):
+                rows += [(is_simulated, session, int(robot), stretch) for stretch in columns_of(own)]
+    in_sessions = Counter(row[2] for row in {row[:3] for row in rows})
+    robots = sorted(own for own, count in in_sessions.items() if count == len(real) + len(simulated))
+    if len(robots) < 2:
+        return None
+    with threadpool_limits(1):  # threads cost more than they save with so few rows
+        accuracies = [
+            np.mean([_held_out(rows, (k, k % len(simulated)), robot, robots) for robot in robots])
+            for k in range(len(real))
+        ]
+    n, mean = len(real), np.mean(accuracies)
+    return bounded_mean(mean + math.sqrt(1.0 + n / max(n - 1, 1)) * (accuracies - mean))
+
+
+def columns_of(samples: pl.DataFrame) -> Floats:
+    """Return the features of the whole stretches of a robot in a session, (stretches, columns).
+
+    A single sample says little; a stretch shows that a robot keeps its speed, veers, or reads similar energies twice
+    in a row. Energies, times and distances from the wall have skewed distributions, so their logarithms are used, of
+    values that are raised to a smallest value far below the usual ones.
+    """
+    stepped = samples.drop_nulls(["dx_m", "avoid_s"])
+    course = np.arctan2(stepped["dy_m"].to_numpy(), stepped["dx_m"].to_numpy())
+    columns = {name: stepped[name].to_numpy().astype(float) for name in ("vibrating", "avoid_s")} | {
+        "energy": np.log(np.maximum(stepped["energy"].to_numpy(), 0.05)),
+        "distance": stepped["distance_m"].to_numpy() / 0.1,  # in units of about the usual distance
+        "spacing": np.log(np.maximum(stepped["spacing_s"].to_numpy(), 0.1)),
+        "wall": np.log(np.maximum(stepped["wall_m"].to_numpy(), 0.005)),
+        "turned": np.append(np.zeros(min(course.size, 1)), wrapped(np.diff(course))),
+    }
+    rows = []
+    for first in range(0, stepped.height - STRETCH + 1, STRETCH):
+        one = {name: column[first : first + STRETCH] for name, column in columns.items()}
+        on, turned = one["vibrating"] == 1, one["turned"]
+        avoided = np.log1p(np.maximum(one["avoid_s"], 0.0))  # often 0, so 1 s is added
+        energies = (one["energy"][on], one["energy"][~on])
+        spread = (*energies, one["distance"], one["spacing"], avoided, one["wall"], turned)
+        rows.append(
+            [
+                *(part.mean() if part.size else 0.0 for part in spread),
+                *(part.std() if part.size else 0.0 for part in spread),
+                *(np.median(part) for part in (one["distance"], turned, np.abs(turned))),
+                (one["avoid_s"] > ROUNDING_S).mean(),
+                on.mean(),
+                _lag_one(one["energy"]),
+                _lag_one(one["distance"]),
+            ]
+        )
+    return np.array(rows)
+
+
+def _lag_one(values: Floats) -> float:
+    """Return the correlation of successive values; 0 if all are equal."""
+    deviation = values - values.mean()
+    variance = float((deviation**2).mean())
+    return float((deviation[1:] * deviation[:-1]).mean()) / variance if variance > 0 else 0.0
+
+
+def _held_out(
+    rows: Sequence[tuple[int, int, int, Floats]], sessions: tuple[int, int], robot: int, robots: Sequence[int]
+) -> float:
+    """Return the accuracy on a robot in two sessions, the real and the simulated one, of training on the others.
+
+    ``rows`` have whether a stretch is simulated, its session and robot, and its features.
+    """
+    linear, metrics, pipeline, preprocessing = (
+        needed(f"sklearn.{name}", "lab", "calibrate")
+        for name in ("linear_model", "metrics", "pipeline", "preprocessing")
+    )
+    is_simulated, session, number = np.array([row[:3] for row in rows]).T
+    features = np.array([row[3] for row in rows])
+    tested = session == np.array(sessions)[is_simulated]
+    is_only = np.array([session[is_simulated == kind].max() == 0 for kind in (0, 1)])[is_simulated]
+    train = (~tested | is_only) & np.isin(number, [one for one in robots if one != robot])
+    # Its penalty is |w|^2 / (2 C): a prior of standard deviation 0.6 on the weights of standardised columns.
+    regression = linear.LogisticRegression(C=1.0 / 3.0, class_weight="balanced", max_iter=1000)
+    classifier: Any = pipeline.make_pipeline(preprocessing.StandardScaler(), regression)
+    classifier.fit(features[train], is_simulated[train])
+    test = tested & (number == robot)
+    return float(metrics.balanced_accuracy_score(is_simulated[test], classifier.predict(features[test])))

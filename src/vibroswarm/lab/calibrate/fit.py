@@ -1,9 +1,8 @@
-"""Fit a scenario to recordings: in closed form where possible, otherwise by simulation.
+"""Fit a scenario to recordings, and judge fits by sessions that were held out of them.
 
 The robots' properties are fitted. What the robots were programmed to do (sample interval, leg times, decisions,
 strategy) and theta_E are taken from the base scenario. ``FITS`` are functions that are called in order; each adds its
-fields to the scenario, which the next one works with. Positions are corrected first if the camera saw robots too far
-from the centre (``fit_camera``).
+fields to the scenario, which the next one works with.
 """
 
 from __future__ import annotations
@@ -18,28 +17,26 @@ import polars as pl
 
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import listed
-from vibroswarm.errors import check_kind
-from vibroswarm.lab.calibrate.camera import RIGHT, Camera
-from vibroswarm.lab.calibrate.dataset import Dataset
-from vibroswarm.lab.calibrate.drive import calm_intervals
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor, rows_of
+from vibroswarm.lab.calibrate.camera import RIGHT, Camera, corrected_sessions, fit_camera, seen_through
+from vibroswarm.lab.calibrate.compare import at_equal_counts, compare_feature, recognised
+from vibroswarm.lab.calibrate.dataset import Dataset, calm_intervals
 from vibroswarm.lab.calibrate.few_groups import limits_of, limits_of_bootstrap
 from vibroswarm.lab.calibrate.fit_avoidance import CANDIDATES, fields_of, fit_avoidance
-from vibroswarm.lab.calibrate.fit_camera import fit_camera
 from vibroswarm.lab.calibrate.fit_drive import fit_drive, timed_drive_ms
 from vibroswarm.lab.calibrate.fit_rays import fit_rays
-from vibroswarm.lab.calibrate.fit_sensor import DIGITS, SPREADS, fit_sensor
-from vibroswarm.lab.calibrate.fit_sensor import FIELDS as LAWS
-from vibroswarm.lab.calibrate.samples import ROUNDING_S
+from vibroswarm.lab.calibrate.fit_sensor import DIGITS, FIELDS, SPREADS, fit_sensor
+from vibroswarm.lab.calibrate.samples import FEATURES, ROUNDING_S, by_session, values_of
 from vibroswarm.lab.recordings.threshold import robot_clusters
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import simulate
 from vibroswarm.statistics.intervals import mean_interval
 
-INTERRUPTED_BELOW: Final = 0.02
-"""If a smaller share of the avoidance times exceeds the sample interval, samples are taken to interrupt avoidance."""
 TAU: Final = "sample.sample_interval_ms"
-AROUND: Final = ("swarm.robots", "arena.width_m", "arena.height_m")
-"""What decides how often robots meet each other and walls."""
+_SEED: Final = 34
+"""Seed of the simulations of session 0; session k has the seed ``_SEED`` + k."""
 
 
 @dataclass(frozen=True)
@@ -73,18 +70,6 @@ class Fit:
     """Mean speed of the scenario's robots at the start."""
     predicted: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     """By statistic of avoidance: its recorded value, and the limits of its 95 % posterior prediction for a session."""
-    motion_runs: int = 0
-    """Number of runs that the fit of avoidance simulated."""
-
-    @property
-    def sessions(self) -> int:
-        """Number of recorded sessions."""
-        return len(self.found.sessions)
-
-    @property
-    def robots(self) -> int:
-        """Number of robots, which count once in each session: the groups of bootstraps."""
-        return int(robot_clusters(self.found.samples).max()) + 1
 
     def with_fields(self, fields: Mapping[str, Any], figures: Sequence[Fitted] = (), **more: Any) -> Fit:
         """Return this fit with further fields, by dotted name (None: these robots have none), and estimates."""
@@ -100,22 +85,11 @@ class Fit:
         )
 
 
-@dataclass(frozen=True)
-class Options:
-    """How a fit is made."""
-
-    candidates: int = CANDIDATES
-    draws: Mapping[str, int] = field(default_factory=dict)
-    """Number of bootstrap draws, if it is not the default of each fit."""
-    progress: Callable[[float], None] | None = None
-
-
 def fit(
     found: Dataset,
     base: Scenario,
     *,
-    candidates: int | None = None,
-    errors: bool = True,
+    candidates: int = CANDIDATES,
     progress: Callable[[float], None] | None = None,
 ) -> Fit:
     """Fit a scenario to the sessions of a dataset.
@@ -124,56 +98,48 @@ def fit(
         found: the sessions, with positions as the camera saw them (``dataset``).
         base: scenario of what the robots were programmed to do, and of all that is not fitted. Its fields of individual
             robots and of variations are reset where the fit gives none.
-        candidates: number of parameter vectors that the fit of avoidance simulates; None: its default.
-        errors: whether bootstraps find the errors of estimates; if not, the fit is the same some seconds sooner, and
-            lists only the estimates that have errors without them.
+        candidates: number of parameter vectors that the fit of avoidance simulates.
         progress: called with the share of the avoidance simulations that is done, 0 to 1.
     Raises:
         InputError: too few robots or drives, or all samples lie on one kind of tile.
     """
-    check_kind(found, Dataset, "found", "a Dataset, as dataset_of() returns")
-    options = Options(
-        CANDIDATES if candidates is None else candidates, {} if errors else {"draws": 0}, progress
-    )
     # The base may have been fitted to other recordings, with another camera.
-    of_camera = {f"camera.{name}": None for name in Camera.__dataclass_fields__}
-    fitted = Fit(base.with_values(of_camera), found)
+    fitted = Fit(base.with_values({f"camera.{name}": None for name in vars(RIGHT)}), found)
     for step in FITS:
-        fitted = step(fitted, options)
-    return fitted
+        fitted = step(fitted)
+    return avoidance(fitted, candidates, progress)
 
 
-def _camera(fit: Fit, options: Options) -> Fit:
-    """Where energies change, of all samples; errors by a bootstrap over robots in sessions."""
-    found = fit_camera(fit.found, **options.draws)
-    values = {name: getattr(found.camera, name) for name in found.draws}
-    figures = _estimates("camera.", values, found.draws, tuple(found.draws), fit.robots)
-    corrected = fit.found.corrected(found.camera)
-    return fit.with_fields(found.camera.fields(), figures, camera=found.camera, found=corrected)
+def _camera(fit: Fit) -> Fit:
+    """Where energies change, of all samples."""
+    camera = fit_camera(fit.found)
+    return fit.with_fields(camera.fields(), camera=camera, found=corrected_sessions(fit.found, camera))
 
 
-def _driving(fit: Fit, options: Options) -> Fit:
+def _driving(fit: Fit) -> Fit:
     """Speeds, battery and veers, of undisturbed intervals; errors by t and chi-square of the robots."""
-    found = fit_drive(fit.found, fit.scenario, **options.draws)
-    figures = _estimates("", found.values, found.draws, ("slow_share",), fit.robots)
-    speed_m_s = found.distance_ratio * found.values["start_speed_m_s"]
-    return fit.with_fields(found.fields(fit.scenario), figures, speed_m_s=speed_m_s)
+    found = fit_drive(fit.found, fit.scenario)
+    figures = _estimates("", found.values, found.draws)
+    return fit.with_fields(found.fields, figures, speed_m_s=found.speed_m_s)
 
 
-def _sensor(fit: Fit, options: Options) -> Fit:
+def _sensor(fit: Fit) -> Fit:
     """Laws of energy, of all samples; errors by a bootstrap over robots in sessions, of spreads by chi-square."""
     if fit.scenario.sensor.model == "acceleration":
         return fit
-    found = fit_sensor(fit.found, **options.draws)
+    found = fit_sensor(fit.found)
     # A spread field must be positive, and is absent without a spread.
     fields = {
         f"sensor.{name}": value if name not in SPREADS or value > 0 else None
         for name, value in found.rounded(found.values).items()
     }
-    return fit.with_fields(fields, _estimates("sensor.", found.values, found.draws, LAWS, fit.robots))
+    figures = _estimates(
+        "sensor.", found.values, found.draws, groups=int(robot_clusters(fit.found.samples).max()) + 1
+    )
+    return fit.with_fields(fields, figures)
 
 
-def _interruption(fit: Fit, options: Options) -> Fit:
+def _interruption(fit: Fit) -> Fit:
     """Whether samples interrupt avoidance: then it hardly ever takes longer than the sample interval.
 
     The share of longer times is computed for each robot in each session, and averaged.
@@ -181,20 +147,19 @@ def _interruption(fit: Fit, options: Options) -> Fit:
     limit_s = fit.scenario.sample.sample_interval_ms / 1000.0 + 0.06  # with a margin of three ticks of 20 ms
     avoided = fit.found.samples.filter(pl.col("avoid_s") > ROUNDING_S).group_by("run", "robot")
     beyond = avoided.agg((pl.col("avoid_s") > limit_s).mean())["avoid_s"].mean() or 0.0
-    return fit.with_fields({"sample.interrupts_avoidance": beyond < INTERRUPTED_BELOW})  # type: ignore[operator]
+    return fit.with_fields({"sample.interrupts_avoidance": beyond < 0.02})  # type: ignore[operator]
 
 
-def _rays(fit: Fit, options: Options) -> Fit:
-    """Rays and largest turn, of turns away from walls and at the ends of legs; errors by bootstraps."""
-    found = fit_rays(fit.found, fit.scenario, **options.draws)
-    return fit.with_fields(found.fields(fit.scenario), _estimates("", found.values, found.draws))
+def _rays(fit: Fit) -> Fit:
+    """Rays and largest turn, of turns away from walls and at the ends of legs."""
+    return fit.with_fields(fit_rays(fit.found, fit.scenario))
 
 
-def _stop(fit: Fit, options: Options) -> Fit:
+def _stop(fit: Fit) -> Fit:
     """The stop, in whole control periods, of the times between samples without avoidance or turn.
 
-    Such a time is the drive (``fit_drive.timed_drive_ms``), the stop and a control period. At least 50 are needed, and
-    a stop between half and twice that of the base: otherwise the robots were programmed with another tau.
+    Such a time is the drive, the stop and a control period. A stop below half or above twice that of the base means
+    that the robots were programmed with another tau.
     """
     calm, base = calm_intervals(fit.found.samples)["spacing_s"], fit.scenario
     period = base.run.control_period_ms
@@ -206,7 +171,7 @@ def _stop(fit: Fit, options: Options) -> Fit:
     return fit.with_fields({"sample.stop_ms": stop_ms} if is_plausible else {})
 
 
-def _loss(fit: Fit, options: Options) -> Fit:
+def _loss(fit: Fit) -> Fit:
     """Share of lost messages, of sessions weighted by their messages; errors by the scatter of sessions."""
     known = fit.found.exchange.drop_nulls("packet_loss")  # the sessions whose loss is known
     if known.is_empty():
@@ -216,59 +181,55 @@ def _loss(fit: Fit, options: Options) -> Fit:
     value = max(float(weights @ shares / weights.sum()), 0.0)
     low, high = (value + end - shares.mean() for end in mean_interval(shares)[1:3])
     error = float(shares.std(ddof=1)) / math.sqrt(shares.size) if shares.size > 1 else math.nan
-    fields = {"network.name": "loss", "network.loss.share": round(value, DIGITS)}
-    return fit.with_fields(fields, [Fitted("network.loss.share", value, error, max(low, 0.0), high)])
-
-
-def _avoidance(fit: Fit, options: Options) -> Fit:
-    """Avoidance, by simulations with all other fields fitted; estimates are means of a posterior sample."""
-    found = fit_avoidance(
-        fit.found, fit.scenario, fit.speed_m_s, candidates=options.candidates, progress=options.progress
+    return fit.with_fields(
+        {"network.name": "loss", "network.loss.share": round(value, DIGITS)},
+        [Fitted("network.loss.share", value, error, max(low, 0.0), high)],
     )
+
+
+def avoidance(fit: Fit, candidates: int, progress: Callable[[float], None] | None) -> Fit:
+    """Avoidance, by simulations with all other fields fitted; estimates are means of a posterior sample."""
+    draws, weights, predicted = fit_avoidance(
+        fit.found, fit.scenario, fit.speed_m_s, candidates=candidates, progress=progress
+    )
+    values = {name: float(weights @ own) for name, own in draws.items()}
     figures = []
-    for name, draws in found.draws.items():
-        mean = float(found.weights @ draws)
-        order = np.argsort(draws)
-        low, high = np.interp([0.025, 0.975], np.cumsum(found.weights[order]), draws[order])
-        error = math.sqrt(float(found.weights @ (draws - mean) ** 2))
-        figures.append(Fitted(name, mean, error, float(low), float(high)))
-    fields = fields_of(found.values, fit.scenario, fit.speed_m_s)
-    return fit.with_fields(fields, figures, predicted=found.predicted, motion_runs=found.runs)
+    for name, own in draws.items():
+        order = np.argsort(own)
+        low, high = np.interp([0.025, 0.975], np.cumsum(weights[order]), own[order])
+        error = math.sqrt(float(weights @ (own - values[name]) ** 2))
+        figures.append(Fitted(name, values[name], error, float(low), float(high)))
+    return fit.with_fields(fields_of(values, fit.scenario, fit.speed_m_s), figures, predicted=predicted)
 
 
-FITS: Final = (_camera, _driving, _sensor, _interruption, _rays, _stop, _loss, _avoidance)
-"""The fits in their order."""
+FITS: Final = (_camera, _driving, _sensor, _interruption, _rays, _stop, _loss)
+"""The fits before that of avoidance, in their order."""
 
 
 def _estimates(
-    section: str,
-    values: Mapping[str, float],
-    draws: Mapping[str, Floats],
-    resampled: Sequence[str] = (),
-    groups: int = 0,
+    section: str, values: Mapping[str, float], draws: Mapping[str, Floats], groups: int = 0
 ) -> list[Fitted]:
     """Return the estimates that have draws, (draws,) each, with standard errors and 95 % intervals from them.
 
-    Args:
-        section: begins their names: of the scenario if they are its fields, else empty.
-        resampled: names of those whose draws are a bootstrap of so many ``groups``.
+    ``section`` begins their names. Draws of the laws are a bootstrap of so many ``groups``.
     """
     figures = []
     for name, own in draws.items():
-        if own.size:
-            low, high = limits_of_bootstrap(own, groups) if name in resampled else limits_of(own)
-            error = float(own.std(ddof=1))
-            figures.append(Fitted(f"{section}{name}", values[name], error, float(low), float(high)))
+        low, high = limits_of_bootstrap(own, groups) if name in FIELDS else limits_of(own)
+        error = float(own.std(ddof=1))
+        figures.append(Fitted(f"{section}{name}", values[name], error, float(low), float(high)))
     return figures
 
 
 def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
     """Return sentences about settings of the base that recordings contradict.
 
-    Only those of the walk count that determine what robots meet (``AROUND``) and when they sample (``TAU``): others are
-    the user's choice.
+    Only those count that determine how often robots meet each other and walls, and when they sample.
     """
-    there = {name: sorted({result.scenario[name] for result in results}) for name in AROUND}
+    there = {
+        name: sorted({result.scenario[name] for result in results})
+        for name in ("swarm.robots", "arena.width_m", "arena.height_m")
+    }
     for one in (one for result in results for one in getattr(result, "inferred", ())):
         if one["name"] == TAU and one["value"] is not None and not one["low"] <= base[TAU] <= one["high"]:
             there[TAU] = [one["value"]]
@@ -277,3 +238,84 @@ def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
         for name, values in there.items()
         if values and base[name] not in values
     ]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """How a session is like simulations with the fit to the other sessions."""
+
+    session: int
+    scores: pl.DataFrame
+    """By feature: similarity at equal counts, and energy distance, of the session to the simulated sessions (fitted,
+    distance_fitted) and to the other real ones (other_sessions, distance_other_sessions)."""
+    accuracy: float
+    """Accuracy of a classifier between stretches (consecutive samples of one robot) of the session and of a simulated
+    one, tested on other robots than trained on; mean over simulated sessions. Chance is 0.5."""
+
+
+def on_floor(base: Scenario, floor: Floor) -> Scenario:
+    """Return the scenario with this floor's tiles, their size and place."""
+    _, _, width, height, left, bottom = floor.geometry
+    return base.with_values(
+        {
+            "floor.source": floor.name or "recorded",  # only its name: tiles take precedence
+            "floor.tiles": list(rows_of(floor.tiles)),
+            "floor.tile_width_m": width,
+            "floor.tile_height_m": height,
+            "floor.left_m": left,
+            "floor.bottom_m": bottom,
+        }
+    )
+
+
+def folds(
+    found: Dataset,
+    base: Scenario,
+    *,
+    candidates: int = CANDIDATES,
+    progress: Callable[[float], None] | None = None,
+) -> list[Fold]:
+    """Hold out each session once: fit the scenario to the other sessions, and compare simulations with the session.
+
+    The simulations are on the floor of the held-out session, and seen through the fitted camera.
+
+    Args:
+        found: real sessions, at least two.
+        base: scenario that the fits start from.
+        candidates: number of parameter vectors that each fit simulates.
+        progress: called with the share of the sessions that is done, 0 to 1.
+    Raises:
+        InputError: fewer than two sessions, or sessions that ``fit`` refuses.
+    """
+    if len(found.sessions) < 2:
+        raise InputError("needs at least two sessions", field="--folds")
+    results = []
+    for session in found.sessions:
+        rest = found.only([other for other in found.sessions if other != session])
+        fitted = fit(rest, base, candidates=candidates)
+        results.append(_fold(found, rest, session, fitted))
+        if progress is not None:
+            progress(len(results) / len(found.sessions))
+    return results
+
+
+def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit) -> Fold:
+    scenario = on_floor(fitted.scenario, found.floors[session])
+    simulated = by_session(seen_through(simulate(scenario, _SEED + session, 40), fitted.camera))
+    held = found.only([session]).samples
+    scores: list[dict[str, object]] = []
+    for feature in FEATURES:
+        own = values_of(held, feature)
+        pools = [
+            np.concatenate([values_of(one, feature) for one in sessions])
+            for sessions in (simulated, rest.samples.partition_by("run"))
+        ]
+        count = min(len(own), *map(len, pools))
+        row: dict[str, object] = {"feature": feature}
+        for name, pool in zip(("fitted", "other_sessions"), pools, strict=True):
+            row[name] = at_equal_counts(feature, own, pool, count)
+            row[f"distance_{name}"] = compare_feature(feature, [own], [pool]).distance.estimate
+        scores.append(row)
+    accuracies = [recognised([held], [samples]) for samples in simulated[:6]]
+    known = [one.estimate for one in accuracies if one is not None]
+    return Fold(session, pl.DataFrame(scores), float(np.mean(known)) if known else math.nan)

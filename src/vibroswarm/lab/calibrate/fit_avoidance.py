@@ -1,12 +1,10 @@
 """Fit avoidance and turning, which have no closed form, by simulation (approximate Bayesian computation).
 
 Candidates (parameter vectors) are drawn from a uniform prior, one run is simulated with each, and the run is summarised
-by statistics of avoidance and of sample positions. Each statistic is divided by its noise: the standard deviation
-between runs of the same candidate and between real sessions. The tenth of the candidates whose statistics are nearest
-to the recorded ones is accepted and weighted (Epanechnikov). A weighted linear regression of parameters on statistics
-then moves each accepted candidate to the recorded statistics (Beaumont, Zhang and Balding 2002). The result is a
-posterior sample: its mean goes into the scenario, and new runs with its draws give the posterior prediction of the
-statistics.
+by statistics of avoidance and of sample positions, each divided by its noise. The tenth of the candidates whose
+statistics are nearest to the recorded ones is accepted and weighted (Epanechnikov). A weighted linear regression moves
+them to the recorded statistics (Beaumont, Zhang and Balding 2002). The mean of this posterior sample goes into the
+scenario; new runs with its draws give the posterior prediction of the statistics.
 
 | parameter | field |
 |---|---|
@@ -22,11 +20,10 @@ statistics.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+import polars as pl
 
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.rng import Purpose, uniforms
@@ -48,10 +45,6 @@ PRIOR: Final[dict[str, tuple[float, float]]] = {
 """Bounds of each parameter, in the unit of its name; the prior is uniform between them."""
 UNSEEN: Final[dict[str, tuple[float, float]]] = {"threshold_mm": (20.0, 80.0), "ray_deg": (10.0, 70.0)}
 """Prior of the parameters that are fitted here only if ``fit_rays`` could not fit the rays."""
-COLUMNS: Final = ("robot", "time_s", "x_m", "y_m", "avoid_s")
-"""Columns of the samples that ``summary`` reads."""
-LEG_END_S: Final = 0.43
-"""An interval without avoidance that exceeds the usual one by this contains the end of a leg."""
 SUMMARIES: Final = (
     "avoidance none", "avoidance mean, s", "avoidance q10, s", "avoidance q25, s", "avoidance q50, s",
     "avoidance q75, s", "avoidance q90, s", "avoidance q97.5, s", "below 25 mm of a wall", "25 to 50 mm",
@@ -61,43 +54,12 @@ SUMMARIES: Final = (
 """Names of the statistics of a session (``summary``), in order."""
 CANDIDATES: Final = 4000
 """Parameter vectors that are tried, one simulated run each."""
-KEPT: Final = 0.1
-"""Share of the candidates that is accepted."""
-CHECKS: Final = 40
-"""Runs of the posterior prediction."""
 _SEED: Final = 33
 """Seed of the simulated runs and of the drawn parameters."""
 
 
-@dataclass(frozen=True)
-class AvoidanceFit:
-    """The posterior sample and its prediction."""
-
-    draws: dict[str, Floats]
-    """By parameter, (accepted,)."""
-    weights: Floats
-    """Of the accepted candidates, (accepted,); their sum is 1."""
-    predicted: dict[str, tuple[float, float, float]]
-    """By statistic: recorded value, and 2.5 and 97.5 % quantiles of runs with posterior draws."""
-    runs: int
-    """Number of simulated runs."""
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Posterior means, by parameter."""
-        return {name: float(self.weights @ draws) for name, draws in self.draws.items()}
-
-
-def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dict[str, object]:
-    """Return the scenario's fields, by dotted name, for these parameters.
-
-    ``ray_deg`` is the angle of the outermost ray; the other rays keep their ratio to it.
-
-    Args:
-        values: parameters by name, see the head of this module.
-        base: scenario whose rays' angles are scaled, if ``values`` has ``ray_deg``.
-        speed_m_s: speed of the robots' wheels, with which the turning rate gives the track of a turning robot.
-    """
+def fields_of(values: Mapping[str, float], base: Scenario, speed_m_s: float) -> dict[str, object]:
+    """Return the scenario's fields for these parameters, with wheels of this speed; rays keep their ratio."""
     fields: dict[str, object] = {
         "robot.turn_track_m": round(float(2.0 * speed_m_s / np.radians(values["turn_deg_s"])), 5),
         "walk.turn_gain_percent_per_deg": round(values["gain"], 2),
@@ -112,38 +74,32 @@ def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dic
     return fields
 
 
-def summary(samples: Mapping[str, NDArray[Any]], arena_m: tuple[float, float]) -> Floats:
-    """Return the statistics of one session, (statistics,), in the order of ``SUMMARIES``.
+def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
+    """Return the statistics of one session, (statistics,), in the order of ``SUMMARIES``; NaN where undefined.
 
-    The rim is the outermost fifth of the arena on each side: the paper's floor has 5 x 5 tiles. The quantiles of
-    avoidance times are over intervals with avoidance; they are 0 if there is none. If no interval has a known time
-    spent avoiding, the first two statistics are NaN; if no robot has two samples, all statistics of intervals but the
-    quantiles and the ends of legs are.
-
-    Args:
-        samples: columns ``COLUMNS`` of the samples of one session, ordered by robot and time.
-        arena_m: width and height of the arena.
+    The samples are ordered by robot and time. The rim is the outermost fifth of the arena on each side: the paper's
+    floor has 5 x 5 tiles.
     """
-    width, height = arena_m
-    robot, time, x, y = (samples[name] for name in COLUMNS[:4])
+    robot, time, x, y, avoid_s = (
+        samples[name].to_numpy() for name in ("robot", "time_s", "x_m", "y_m", "avoid_s")
+    )
     same_robot = robot[1:] == robot[:-1]  # whether a sample has a previous sample of the same robot
-    avoid_s = samples["avoid_s"].astype(float)[1:][same_robot]
+    avoid_s = avoid_s.astype(float)[1:][same_robot]
     known_s = avoid_s[np.isfinite(avoid_s)]
     positive_s = known_s[known_s > ROUNDING_S]
     quantiles_s = (
         np.quantile(positive_s, [0.1, 0.25, 0.5, 0.75, 0.9, 0.975]) if positive_s.size else np.zeros(6)
     )
-    wall = wall_distance(x, y, arena_m)
     # Shares of the samples by distance (m) from the nearest wall.
-    rings = np.histogram(wall, [0.0, 0.025, 0.05, 0.075, 0.1])[0] / x.size
+    rings = np.histogram(wall_distance(x, y, arena_m), [0.0, 0.025, 0.05, 0.075, 0.1])[0] / x.size
     # Fifth of the arena, 0 to 4, along x and along y; a sample on the right or upper wall is in the last fifth.
-    fifth_x = np.minimum((x / width * 5).astype(int), 4)
-    fifth_y = np.minimum((y / height * 5).astype(int), 4)
-    rim_x, rim_y = (fifth_x == 0) | (fifth_x == 4), (fifth_y == 0) | (fifth_y == 4)
+    fifths = [np.minimum((at / size * 5).astype(int), 4) for at, size in zip((x, y), arena_m, strict=True)]
+    rim_x, rim_y = ((fifth == 0) | (fifth == 4) for fifth in fifths)
     step = np.hypot(np.diff(x)[same_robot], np.diff(y)[same_robot])
     spacing = np.diff(time)[same_robot]
     calm_s = spacing[avoid_s <= ROUNDING_S]
-    leg_ends = (calm_s > np.median(calm_s) + LEG_END_S).mean() if calm_s.size else 0.0
+    # An interval without avoidance that exceeds the usual one by 0.43 s contains the end of a leg.
+    leg_ends = (calm_s > np.median(calm_s) + 0.43).mean() if calm_s.size else 0.0
     return np.array([
         (known_s <= ROUNDING_S).mean(), known_s.mean(), *quantiles_s, *rings, (rim_x & rim_y).mean(),
         (~rim_x & ~rim_y).mean(), spacing.mean(), (step < 0.005).mean(), (step < 0.05).mean(), step.mean(), leg_ends,
@@ -156,59 +112,52 @@ def fit_avoidance(
     speed_m_s: float,
     candidates: int = CANDIDATES,
     progress: Callable[[float], None] | None = None,
-) -> AvoidanceFit:
-    """Fit the parameters of avoidance and turning; return their posterior sample and the statistics it predicts.
+) -> tuple[dict[str, Floats], Floats, dict[str, tuple[float, float, float]]]:
+    """Fit the parameters of avoidance and turning, with all other fields of the scenario fitted already.
 
-    Args:
-        found: real sessions; those whose log does not hold the time spent avoiding are left out.
-        scenario: scenario in which all other fields are fitted already.
-        speed_m_s: mean speed of the robots at the start, which turns turning rates into a track (``fields_of``).
-        candidates: number of parameter vectors tried, one run each.
-        progress: called with the share of the runs that is done, after each run; 1 at the end.
+    Sessions whose log does not hold the time spent avoiding are left out. ``speed_m_s`` is that of robots at the start.
+
+    Returns:
+        The posterior sample by parameter, (accepted,) each; its weights, (accepted,), of sum 1; and by statistic its
+        recorded value, and the 2.5 and 97.5 % quantiles of runs with posterior draws.
     """
+    sessions = [session.sort("robot", "time_s") for session in found.samples.partition_by("run")]
     real = np.array(
-        [
-            summary({name: ordered[name].to_numpy() for name in COLUMNS}, found.arena_m)
-            for ordered in (session.sort("robot", "time_s") for session in found.by_session)
-            if ordered["avoid_s"].is_finite().any()
-        ]
+        [summary(session, found.arena_m) for session in sessions if session["avoid_s"].is_finite().any()]
     )
     # ``fit_rays`` sets this field together with the angles; ``fit`` resets it where the rays are not fitted.
-    rays_fitted = scenario.rays.forward_each_m is not None
-    prior = PRIOR | ({} if rays_fitted else UNSEEN)
+    prior = PRIOR | (UNSEEN if scenario.rays.forward_each_m is None else {})
     # Candidates use the random numbers of "run" 0; the prediction uses those of "run" 1.
     u = uniforms(_SEED, run=0, robot=0, purpose=Purpose.OPTIMIZER, count=candidates * len(prior))
     low, high = np.array(list(prior.values())).T
     tried = low + (high - low) * u.reshape(candidates, -1)
-    done = 0
 
     def simulated(parameters: Floats, first_run: int) -> Floats:
-        """Return the statistics of one run with each of some parameters, (runs, statistics)."""
-        nonlocal done
+        """Return the statistics of one run with each of some parameters, (runs, statistics); of motion alone."""
         statistics = np.empty((len(parameters), len(SUMMARIES)))
         for k, own in enumerate(parameters):
             by_parameter = dict(zip(prior, own.tolist(), strict=True))
-            statistics[k] = _simulated(scenario, by_parameter, speed_m_s, run=first_run + k)
-            done += 1
+            own_scenario = scenario.with_values(fields_of(by_parameter, scenario, speed_m_s))
+            state, taken = EventRun(own_scenario), Collected(own_scenario.run.control_period_ms)
+            state.begin(_SEED, first_run + k)
+            state.advance(own_scenario.ticks, taken.sink)
+            table = taken.samples_frame().sort("robot", maintain_order=True)
+            statistics[k] = summary(table, scenario.arena.size_m)
             if progress is not None:
-                progress(done / (candidates + CHECKS))
+                progress(min((first_run + k + 1) / candidates, 1.0))
         return statistics
 
-    statistics = simulated(tried, first_run=0)
-    draws, weights = posterior(tried, statistics, real, bounds=(low, high))
+    draws, weights = posterior(tried, simulated(tried, first_run=0), real, bounds=(low, high))
     # Draw k is picked with the probability weights[k]; the clip is for a sum of weights slightly below 1.
-    u = uniforms(_SEED, run=1, robot=0, purpose=Purpose.OPTIMIZER, count=CHECKS)
+    u = uniforms(_SEED, run=1, robot=0, purpose=Purpose.OPTIMIZER, count=40)
     picked = draws[np.searchsorted(np.cumsum(weights), u).clip(max=weights.size - 1)]
     # Run numbers beyond those of the candidates, so that the runs are fresh.
-    check = simulated(picked, first_run=10**6)
-    bands = np.quantile(check, [0.025, 0.975], axis=0).T  # (statistics, 2)
+    bands = np.quantile(simulated(picked, first_run=10**6), [0.025, 0.975], axis=0)
+    table = np.vstack([real.mean(axis=0), bands]).T.tolist()
     predicted = {
-        name: (float(mean), float(band[0]), float(band[1]))
-        for name, mean, band in zip(SUMMARIES, real.mean(axis=0), bands, strict=True)
+        name: (mean, least, most) for name, (mean, least, most) in zip(SUMMARIES, table, strict=True)
     }
-    return AvoidanceFit(
-        {name: draws[:, k] for k, name in enumerate(prior)}, weights, predicted, candidates + CHECKS
-    )
+    return {name: draws[:, k] for k, name in enumerate(prior)}, weights, predicted
 
 
 def posterior(
@@ -217,27 +166,21 @@ def posterior(
     """Accept the candidates nearest to the recorded sessions, and adjust them by regression.
 
     Nearest means the smallest Euclidean distance of the statistics from their mean over the recorded sessions, each
-    statistic divided by its noise.
-
-    Args:
-        tried: parameters of the candidates, (candidates, parameters).
-        seen: statistics of the candidates' runs, (candidates, statistics).
-        real: statistics of the recorded sessions, (sessions, statistics).
-        bounds: lowest and highest value of each parameter in the prior, (parameters,) each.
-    Returns:
-        The accepted draws, (accepted, parameters), adjusted and clipped to the prior; and their weights, (accepted,),
-        of sum 1.
+    divided by its noise. ``tried`` has parameters, ``seen`` and ``real`` statistics in columns; ``bounds`` are those of
+    the prior. Returns the accepted draws, clipped to the prior, (accepted, parameters), and their weights, of sum 1.
     """
     # Noise of each statistic: the variance between runs of the same parameters, estimated by the residuals of a
-    # quadratic in the parameters, plus the variance between real sessions.
-    design = _quadratic((tried - bounds[0]) / (bounds[1] - bounds[0]))
+    # quadratic in the parameters (1, each, and their products), plus the variance between real sessions.
+    unit = (tried - bounds[0]) / (bounds[1] - bounds[0])
+    products = [unit[:, i] * unit[:, j] for i in range(unit.shape[1]) for j in range(i + 1)]
+    design = np.column_stack([np.ones(len(unit)), unit, *products])
     residuals = seen - design @ np.linalg.lstsq(design, seen, rcond=None)[0]
     noise = residuals.var(axis=0)
     if len(real) > 1:
         noise = noise + real.var(axis=0, ddof=1)
     scaled = (seen - real.mean(axis=0)) / np.sqrt(noise + 1e-12)  # 1e-12: not 0 for a constant statistic
     distance = np.sqrt((scaled**2).sum(axis=1))
-    kept = np.argsort(distance)[: max(int(KEPT * len(tried)), 20)]  # at least 20, for the regression
+    kept = np.argsort(distance)[: max(int(0.1 * len(tried)), 20)]  # at least 20, for the regression
     reach = float(distance[kept].max()) * (1 + 1e-9)  # slightly farther than the farthest accepted candidate
     weights = 1.0 - (distance[kept] / reach) ** 2 + 1e-6  # Epanechnikov; 1e-6 keeps all weights above 0
     # Regress parameters on statistics; the ridge keeps the equations solvable where statistics depend on each other.
@@ -250,30 +193,3 @@ def posterior(
     # ``scaled`` is 0 at the recorded statistics, to which each draw moves.
     moved = tried[kept] - scaled[kept] @ slope[1:]
     return np.clip(moved, *bounds), weights / weights.sum()
-
-
-def _quadratic(unit: Floats) -> Floats:
-    """Return the columns of a quadratic polynomial: 1, each parameter, and each product of two parameters.
-
-    Args:
-        unit: parameters of the candidates, scaled to 0 to 1 within the prior, (candidates, parameters).
-    Returns:
-        Shape (candidates, columns); a product may be that of a parameter with itself.
-    """
-    squares = [unit[:, i] * unit[:, j] for i in range(unit.shape[1]) for j in range(i + 1)]
-    return np.column_stack([np.ones(len(unit)), unit, *squares])
-
-
-def _simulated(scenario: Scenario, values: dict[str, float], speed_m_s: float, run: int) -> Floats:
-    """Return the statistics (``summary``) of one simulated run with these parameters; only motion is simulated.
-
-    Args:
-        values: parameters by name. speed_m_s: as for ``fields_of``. run: number of the run, for its random numbers.
-    """
-    tried = scenario.with_values(fields_of(values, scenario, speed_m_s))
-    state, taken = EventRun(tried), Collected(tried.run.control_period_ms)
-    state.begin(_SEED, run)
-    state.advance(tried.ticks, taken.sink)
-    table = taken.samples_frame().sort("robot", maintain_order=True)
-    ordered = {name: table[name].to_numpy() for name in COLUMNS}
-    return summary(ordered, scenario.arena.size_m)

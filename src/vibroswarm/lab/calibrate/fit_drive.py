@@ -1,33 +1,36 @@
-"""Fit speed, battery and veer in closed form.
+"""Fit speed, battery and veer in closed form, from undisturbed drives and intervals (``dataset``).
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| speed at the start | v_0 | m/s | v at t = 0, from v = v_0 (1 - t / life) by least squares for each robot and session |
+| turn | D | rad | direction from sample to sample minus that in the interval before (both undisturbed) |
+| bend | - | 1/m | D / L, L the length of the arc: times half the track a misalignment |
+| spread | s | - | interquartile range of D about the robot's median, / 1.349: insensitive to undetected turns |
+| slow share | c | - | share of the variance that changes slowly, from the autocorrelation of D over ``SLOW_LAGS`` |
+| variation of distance | - | - | interquartile range about a line in time, / 1.435 (triangular law) / the median |
 
 | field | equation |
 |---|---|
 | robot.speed_factor_location, _scale (shape 100: nearly normal) | from the mean and sd between robots of v_0 / full speed |
 | robot.speed_factor_min, _max | mean -+ 3 sd |
 | robot.speed_redraw | "robot" if more than half of the variance is between robots |
-| robot.speed_wander | variation of distances within robots, if speed_redraw is "robot" (``undisturbed``) |
+| robot.speed_wander | variation of distances within robots, if speed_redraw is "robot" |
 | robot.speed_run_spread | sd of a robot's v_0 between sessions, relative, minus what the error of v_0 explains |
-| robot.battery_life_s | 1 / (share of v_0 lost per second): v = v_0 (1 - t / life), least squares for each robot and session |
+| robot.battery_life_s | 1 / (share of v_0 lost per second) |
 | robot.misalignment_min, _max | m = bend track / 2; uniform of the same mean and sd: mean -+ sqrt(3) sd |
-| robot.misalignment_wander | variation of m from sample to sample (``undisturbed``) |
-| robot.misalignment_drift | slow variation of m (``undisturbed``) |
+| robot.misalignment_wander | variation of m from sample to sample: s sqrt(2 (1 - c)), as D is the mean of two intervals' turns |
+| robot.misalignment_drift | slow variation of m: s sqrt(c) |
 | robot.misalignment_run_spread | sd of a robot's m between sessions, minus what the variation within sessions explains |
 | robot.speed_factors, misalignments | of each robot: mean over sessions, if robots can be matched and speed_redraw is "robot" |
-
-The bend is the turn per distance driven, 1/m; the track is the distance between the wheels; "wander" is variation from
-sample to sample.
 
 The same robot may have different numbers in different sessions (in the study's recordings all but one do). Robots are
 therefore matched to the robots of the first session by speed and veer, minimising the sum of squared differences in
 units of ``APART``. Robots that are alike are matched to whichever looks most alike, so that their variation between
 sessions comes out too small: by 9 % for five robots 2 mm/s apart, by half for twenty.
 
-Variation of speed within a robot is taken as independent between samples, but not for the error of v_0: real speeds also
-change slowly. It is the error of a line of which the deviations of ``drive.BLOCKS`` parts of a session are independent.
-
 Errors: of the mean and spread of robots, and of variation within them, Student's t and chi-square of so many robots
 (``few_groups``), which count once in each session if they cannot be matched; of the variation of v_0 between sessions,
-chi-square of robots in sessions; of the slow share, bootstrap over robots in sessions.
+chi-square of robots in sessions.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -40,40 +43,38 @@ import numpy as np
 import polars as pl
 from scipy.optimize import linear_sum_assignment
 
-from vibroswarm.core.arrays import Floats
+from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.errors import InputError
-from vibroswarm.lab.calibrate.dataset import Dataset
-from vibroswarm.lab.calibrate.drive import (
-    LEAST_DRIVES,
-    LEAST_M,
-    SLOW_LAGS,
-    calm_intervals,
-    course_of,
-    line_of,
-    undisturbed,
-)
+from vibroswarm.lab.calibrate.dataset import CALM_S, LEAST_M, Dataset, calm_intervals
 from vibroswarm.lab.calibrate.few_groups import drawn_means, drawn_variances, evenly_drawn
-from vibroswarm.lab.recordings.threshold import resample
+from vibroswarm.lab.calibrate.samples import ROUNDING_S
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
 from vibroswarm.scenario.scenario import Scenario
 
+BLOCKS: Final = 10
+"""Parts of a session, of which the deviations from a robot's line of speed are taken as independent."""
+SLOW_LAGS: Final = (4, 6, 8, 10, 12)
+"""Lags of the autocorrelation, in samples: longer than what neighbouring intervals share, shorter than the time in
+which a slow variation changes."""
+CLIPPED: Final = 2.5
+"""Deviations are clipped to this many spreads for autocorrelations."""
+IQR: Final = 1.349
+"""Interquartile range of a standard normal distribution."""
+IQR_TRIANGULAR: Final = 2.0 * (np.sqrt(6.0) - np.sqrt(3.0))
+"""Interquartile range of a triangular distribution of variance 1."""
 SHAPE: Final = 100.0
 """Shape of the Gamma law of speed factors: large, so that it is nearly normal."""
 DRAWS: Final = 200
-"""Draws of each estimate."""
 _SEED: Final = 32
 APART: Final = (0.003, np.radians(1.5))
 """Largest plausible difference of a robot's speed (m/s) and veer (rad/s) between sessions. With larger differences the
 sessions are taken to have different robots, and no field of individual robots is set."""
 LEAST_VARIATION: Final = 1e-3
 """Variations of misalignments, and of speeds between sessions, below this are left out of the scenario."""
-MOST_VARIATION: Final = 0.08
-"""Larger variations of misalignments are cut to this."""
 LAWS: Final = {
     "speed_m_s": ("speed_m_s", ""),
     "start_speed_m_s": ("start_speed_m_s", "between_m_s"),
     "lost_per_s": ("lost_per_s", ""),
-    "veer_rad_s": ("veer_rad_s", "veer_between_rad_s"),
     "bend_per_m": ("bend_per_m", "bend_between_per_m"),
     "spread_per_m": ("bend_within_per_m", ""),
     "distance_spread": ("distance_spread", ""),
@@ -83,105 +84,21 @@ LAWS: Final = {
 
 @dataclass(frozen=True)
 class DriveFit:
-    """Estimates by name and their draws, (draws,)."""
+    """Estimates, SI units, and their draws, (draws,), by name; the scenario's fields (None: robots do not have it)."""
 
     values: dict[str, float]
-    """Estimates by name (``_estimates``), SI units. ``between_sessions`` is the sd of a robot's speed at the start
-    between sessions, relative; it is missing with one session, or if robots cannot be matched."""
+    """``between_sessions`` is relative; it is missing with one session, or if robots cannot be matched."""
     draws: dict[str, Floats]
-    distance_ratio: float
-    """Distance driven between the samples of an undisturbed interval, divided by that at driving speed: below 1
-    because of starts, stops and clocks. The speeds of the scenario are multiplied by it."""
-    bodies: pl.DataFrame
-    """start_speed_m_s and bend_per_m of each robot; no rows if robots cannot be matched."""
-    bend_between_sessions_per_m: float
-    """Standard deviation of a robot's bend between sessions; 0 if variation within sessions explains all of it."""
-
-    def fields(self, base: Scenario) -> dict[str, object]:
-        """Return the scenario's fields for these estimates, by dotted name; None: robots do not have it.
-
-        Values are clipped to what robots can have: speed factors are positive, a battery outlasts the run, and
-        misalignments are between -0.5 and 0.5. Fields of individual robots are given only if speeds vary more between
-        robots than within them, because the list of their speed factors requires ``speed_redraw`` "robot".
-
-        Args:
-            base: scenario with the full speed, the track and the end of a run.
-        """
-        robot, values = base.robot, self.values
-        mean = self.distance_ratio * values["start_speed_m_s"] / robot.full_speed_m_s  # speed factor
-        by_robot = values["share_between"] > 0.5  # one speed factor per robot, not one per sample
-        spread = (values["between_m_s"] if by_robot else values["within_m_s"]) / robot.full_speed_m_s
-        spread = max(spread, 1e-3)  # the scale of a Gamma distribution must be above 0
-        # Clip of the speed factors: 3 sd on both sides, but no robot slower than a fifth of the mean.
-        low, high = _round(max(mean - 3 * spread, 0.2 * mean)), _round(mean + 3 * spread)
-        run_spread = values.get("between_sessions", 0.0)
-        varies = by_robot and run_spread >= LEAST_VARIATION
-        # Speed about its mean: of the distances of undisturbed intervals; without any, of the speeds of drives.
-        wander = values.get("distance_spread", values["within_m_s"] / values["speed_m_s"])
-        # A Gamma law has the mean location + shape x scale and the standard deviation sqrt(shape) x scale.
-        fields: dict[str, object] = {
-            "robot.speed_factor_shape": SHAPE,
-            "robot.speed_factor_scale": _round(spread / np.sqrt(SHAPE)),
-            "robot.speed_factor_location": _round(mean - spread * np.sqrt(SHAPE)),
-            "robot.speed_factor_min": low,
-            "robot.speed_factor_max": high,
-            "robot.speed_factors": None,
-            "robot.speed_redraw": "robot" if by_robot else "sample",
-            # 0.4 is the largest value that the field accepts.
-            "robot.speed_wander": _round(min(wander, 0.4)) if by_robot else None,
-            "robot.speed_run_spread": _round(min(run_spread, 0.4)) if varies else None,
-            "robot.battery_life_s": _round(max(values["battery_life_s"], 1.01 * base.run.t_end_s), 0),
-        }
-        half_track_m = robot.drive_track_m / 2.0  # bend times half the track is misalignment
-        if "bend_per_m" in values:
-            fields |= self._veers(half_track_m)
-        if by_robot and self.bodies.height:
-            speeds, bends = self.bodies["start_speed_m_s"], self.bodies["bend_per_m"]
-            factors = [_round(self.distance_ratio * speed / robot.full_speed_m_s) for speed in speeds]
-            fields["robot.speed_factors"] = factors
-            fields["robot.speed_factor_min"] = min(low, *factors)
-            fields["robot.speed_factor_max"] = max(high, *factors)
-            if not bends.null_count():
-                bent = np.clip(bends.to_numpy() * half_track_m, -0.5, 0.5)
-                fields["robot.misalignments"] = [_round(one) for one in bent]
-        return fields
-
-    def _veers(self, half_track_m: float) -> dict[str, object]:
-        values = self.values
-        middle = values["bend_per_m"] * half_track_m
-        half = np.sqrt(3.0) * values["bend_between_per_m"] * half_track_m  # half-width of a uniform law
-        # Spread s (as a misalignment) and slow share c of a robot's turns D, see ``drive``. D is the mean of the turns
-        # in two successive intervals. A mean of two independent values has half the variance of one, hence the 2.
-        within, slow = values["bend_within_per_m"] * half_track_m, values["slow_share"]
-        variation = {
-            "wander": within * np.sqrt(2.0 * (1.0 - slow)),
-            "drift": within * np.sqrt(slow),
-            "run_spread": self.bend_between_sessions_per_m * half_track_m,
-        }
-        limits: dict[str, object] = {
-            "robot.misalignment_min": _round(max(middle - half, -0.5)),
-            "robot.misalignment_max": _round(min(middle + half, 0.5)),
-            "robot.misalignments": None,
-        }
-        return limits | {
-            f"robot.misalignment_{name}": _round(min(size, MOST_VARIATION))
-            if size >= LEAST_VARIATION
-            else None
-            for name, size in variation.items()
-        }
-
-
-def _round(value: float, digits: int = 5) -> float:
-    return round(float(value), digits)
+    fields: dict[str, object]
+    speed_m_s: float
+    """Mean speed of the scenario's robots at the start."""
 
 
 def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
     """Fit speed, battery and veer over all robots, and speed and bend of each robot if robots can be matched.
 
-    Args:
-        found: sessions, with positions corrected for the camera.
-        base: scenario with the sample interval that the robots were programmed with.
-        draws: number of draws.
+    Positions are corrected for the camera; ``base`` has the sample interval that the robots were programmed with.
+
     Raises:
         InputError: fewer than two robots with ten drives; a robot counts once in each session.
     """
@@ -193,96 +110,227 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
             field="REAL",
         )
     matched = _matched(table)
-    bodies = table.clear() if matched is None else _bodies(matched)
+    bodies = table.clear()
+    if matched is not None:  # means over the sessions in which a robot is known
+        square = pl.col("within_m_s").pow(2).mean().sqrt()
+        means = pl.all().exclude("run", "within_m_s").mean()
+        bodies = matched.group_by("body", maintain_order=True).agg(means, square)
     # The robots' spread is that of so many robots, not of their rows, which are alike where robots are the same.
-    independent = bodies if bodies.height > 1 else table
-    spreads = [spread for _, spread in LAWS.values() if spread]
-    of_robots = _estimates(independent)
-    values = _estimates(table) | {name: of_robots[name] for name in spreads if name in of_robots}
-    drawn = _drawn_laws(independent, draws)
-    for each in (values, drawn):
-        each["share_between"] = each["between_m_s"] ** 2 / (
-            each["between_m_s"] ** 2 + each["within_m_s"] ** 2
-        )
-        # A life of 1e9 s where robots do not slow down.
-        each["battery_life_s"] = 1.0 / np.maximum(each.pop("lost_per_s"), 1e-9)
-    if "slow_share" in values:
-        resampled = (table[resample(_SEED, draw, stream=0, count=table.height)] for draw in range(draws))
-        drawn["slow_share"] = np.array([_slow_share(rows) for rows in resampled])
-    sessions = table["run"].n_unique()
-    if matched is not None and sessions > 1:
+    values, drawn = _laws(table, bodies if bodies.height > 1 else table, draws)
+    if matched is not None and table["run"].n_unique() > 1:
         values["between_sessions"], drawn["between_sessions"] = _speed_between_sessions(matched, draws)
-    return DriveFit(
-        values={name: float(value) for name, value in values.items()},
-        draws=drawn,
-        distance_ratio=_distance_ratio(found, table, base),
-        bodies=bodies,
-        bend_between_sessions_per_m=0.0 if matched is None else _bend_between_sessions(matched, values),
-    )
+    ratio = _distance_ratio(found, table, base)
+    bend_between = 0.0
+    if matched is not None and "bend_per_m" in values:
+        bend_between = _bend_between_sessions(matched, values)
+    fields = _fields(values, bodies, base, ratio, bend_between)
+    return DriveFit(values, drawn, fields, ratio * values["start_speed_m_s"])
 
 
 def timed_drive_ms(base: Scenario) -> float:
-    """Return how long a robot drives from a sample to the next stop, without turns: until its timer exceeds tau, ms.
-
-    It is the first multiple of the control period above the sample interval tau.
-    """
+    """Return how long a robot drives until its timer exceeds tau: the first multiple of a control period above it."""
     period = base.run.control_period_ms
     return period * (math.floor(base.sample.sample_interval_ms / period) + 1.0)
 
 
-def _table_of_robots(found: Dataset) -> pl.DataFrame:
-    """Return a row for each robot with ten drives in each session: run, and what ``line_of`` and ``course_of`` give."""
-    key = ["run", "robot"]
-    courses = {
-        name: course_of(own) for name, own in undisturbed(found.samples).group_by(*key, maintain_order=True)
+def _fields(
+    values: dict[str, Any], bodies: pl.DataFrame, base: Scenario, ratio: float, bend_between_sessions: float
+) -> dict[str, object]:
+    """Return the scenario's fields, clipped to what robots can have; None: robots do not have it.
+
+    Fields of individual robots are given only if speeds vary more between robots than within them, because the list of
+    their speed factors requires ``speed_redraw`` "robot".
+    """
+    full_m_s = base.robot.full_speed_m_s
+    mean = ratio * values["start_speed_m_s"] / full_m_s  # speed factor
+    by_robot = values["share_between"] > 0.5  # one speed factor per robot, not one per sample
+    # The scale of a Gamma distribution must be above 0.
+    spread = max((values["between_m_s"] if by_robot else values["within_m_s"]) / full_m_s, 1e-3)
+    # Clip of the speed factors: 3 sd on both sides, but no robot slower than a fifth of the mean.
+    low, high = _round(max(mean - 3 * spread, 0.2 * mean)), _round(mean + 3 * spread)
+    run_spread = values.get("between_sessions", 0.0)
+    varies = by_robot and run_spread >= LEAST_VARIATION
+    # Speed about its mean: of the distances of undisturbed intervals; without any, of the speeds of drives.
+    wander = values.get("distance_spread", values["within_m_s"] / values["speed_m_s"])
+    # A Gamma law has the mean location + shape x scale and the standard deviation sqrt(shape) x scale.
+    fields: dict[str, object] = {
+        "robot.speed_factor_shape": SHAPE,
+        "robot.speed_factor_scale": _round(spread / np.sqrt(SHAPE)),
+        "robot.speed_factor_location": _round(mean - spread * np.sqrt(SHAPE)),
+        "robot.speed_factor_min": low,
+        "robot.speed_factor_max": high,
+        "robot.speed_factors": None,
+        "robot.speed_redraw": "robot" if by_robot else "sample",
+        # 0.4 is the largest value that the field accepts.
+        "robot.speed_wander": _round(min(wander, 0.4)) if by_robot else None,
+        "robot.speed_run_spread": _round(min(run_spread, 0.4)) if varies else None,
+        "robot.battery_life_s": _round(max(values["battery_life_s"], 1.01 * base.run.t_end_s), 0),
     }
-    rows = [
-        {"run": name[0]} | line_of(own) | courses.get(name, {})
-        for name, own in found.drives.sort(*key, maintain_order=True).group_by(*key, maintain_order=True)
-        if own.height >= LEAST_DRIVES
-    ]
-    course = ("bend_per_m", "spread_per_m", "correlation", "distance_spread", "turns", "samples")
-    schema = dict.fromkeys((*(rows[0] if rows else ()), *course), pl.Float64)
-    return pl.DataFrame(rows, schema=schema)
+    half_track_m = base.robot.drive_track_m / 2.0  # bend times half the track is misalignment
+    if "bend_per_m" in values:
+        middle = values["bend_per_m"] * half_track_m
+        half = np.sqrt(3.0) * values["bend_between_per_m"] * half_track_m  # half-width of a uniform law
+        within, slow = values["bend_within_per_m"] * half_track_m, values["slow_share"]
+        variation = {
+            # D is the mean of two independent values, which has half the variance of one, hence the 2.
+            "robot.misalignment_wander": within * np.sqrt(2.0 * (1.0 - slow)),
+            "robot.misalignment_drift": within * np.sqrt(slow),
+            "robot.misalignment_run_spread": bend_between_sessions * half_track_m,
+        }
+        fields |= {
+            "robot.misalignment_min": _round(max(middle - half, -0.5)),
+            "robot.misalignment_max": _round(min(middle + half, 0.5)),
+            "robot.misalignments": None,
+        } | {
+            name: _round(min(size, 0.08)) if size >= LEAST_VARIATION else None
+            for name, size in variation.items()
+        }
+    if by_robot and bodies.height:
+        factors = [_round(ratio * speed / full_m_s) for speed in bodies["start_speed_m_s"]]
+        fields["robot.speed_factors"] = factors
+        fields["robot.speed_factor_min"] = min(low, *factors)
+        fields["robot.speed_factor_max"] = max(high, *factors)
+        if not bodies["bend_per_m"].null_count():
+            bent = np.clip(bodies["bend_per_m"].to_numpy() * half_track_m, -0.5, 0.5)
+            fields["robot.misalignments"] = [_round(one) for one in bent]
+    return fields
 
 
-def _estimates(table: pl.DataFrame) -> dict[str, Any]:
-    """Return the estimates by name: means and standard deviations over robots that have the value, at least two."""
-    estimates: dict[str, Any] = {"within_m_s": math.sqrt((table["within_m_s"] ** 2).mean())}  # type: ignore[arg-type]
+def _round(value: float, digits: int = 5) -> float:
+    return round(float(value), digits)
+
+
+def _table_of_robots(found: Dataset) -> pl.DataFrame:
+    """Return ``run``, ``line_of`` and ``course_of`` of each robot with ten drives in each session."""
+    courses = dict(undisturbed(found.samples).group_by("run", "robot", maintain_order=True))
+    rows: list[dict[str, float]] = []
+    for name, own in found.drives.sort("run", "robot", maintain_order=True).group_by(
+        "run", "robot", maintain_order=True
+    ):
+        if own.height >= 10:
+            course = course_of(courses[name]) if name in courses else {}
+            rows.append({"run": name[0]} | line_of(own) | course)
+    names = (
+        "run", "speed_m_s", "start_speed_m_s", "lost_per_s", "within_m_s", "start_error_m_s",
+        "bend_per_m", "spread_per_m", "correlation", "distance_spread", "turns", "samples",
+    )  # fmt: skip
+    return pl.DataFrame(rows, schema=dict.fromkeys(names, pl.Float64))
+
+
+def line_of(own: pl.DataFrame) -> dict[str, float]:
+    """Return the line v(t) of a robot's drives in one session.
+
+    Real speeds change slowly, too: the standard error of the speed at the start is that of ``BLOCKS`` stretches that
+    deviate independently.
+    """
+    time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
+    slope, start = np.polyfit(time, speed, 1)
+    deviations = speed - start - slope * time
+    # The line's value at time 0 is the sum of these weights times the values.
+    off = time - time.mean()
+    weights = 1.0 / time.size - time.mean() * off / (off**2).sum()
+    sums = [part.sum() for part in np.array_split(weights * deviations, BLOCKS)]
+    return {
+        "speed_m_s": float(speed.mean()),
+        "start_speed_m_s": float(start),
+        "lost_per_s": float(-slope / start),
+        # The line takes two degrees of freedom.
+        "within_m_s": float(np.sqrt(float((deviations**2).sum()) / (time.size - 2))),
+        "start_error_m_s": float(np.sqrt(np.square(sums).sum() * BLOCKS / (BLOCKS - 2))),
+    }
+
+
+def undisturbed(samples: pl.DataFrame) -> pl.DataFrame:
+    """Return the undisturbed intervals whose previous interval is undisturbed too, so that a turn is defined.
+
+    Those with a turn of 40 degrees or more are left out, because it is taken to be a turn on the spot. ``index`` counts
+    a robot's samples in a run; it and ``time_s`` are those of the sample that ends the interval.
+    """
+    key = ["run", "robot"]
+    without_avoidance = pl.col("avoid_s") < ROUNDING_S
+    usual_s = samples.filter(without_avoidance)["spacing_s"].median()  # None without rows: none is chosen
+    like_usual = (pl.col("spacing_s") - usual_s).abs() <= CALM_S
+    turn = pl.arctan2("dy_m", "dx_m").diff().over(key)
+    marked = samples.sort("run", "robot", "time_s").with_columns(
+        calm=(without_avoidance & like_usual & (pl.col("distance_m") > LEAST_M)).fill_null(False),
+        turn_rad=(turn + np.pi) % (2.0 * np.pi) - np.pi,
+        index=pl.int_range(pl.len()).over(key),
+    )
+    calm_twice = pl.col("calm") & pl.col("calm").shift(1).over(key).fill_null(False)
+    chosen = marked.filter(calm_twice & (pl.col("turn_rad").abs() < np.radians(40.0)))
+    return chosen.select("run", "robot", "index", "time_s", "turn_rad", "distance_m")
+
+
+def course_of(own: pl.DataFrame) -> dict[str, Any]:
+    """Return how a robot drives in one session, from ``undisturbed``; ``samples`` are those up to the last turn."""
+    if own.height < 30:
+        return {}
+    turn, distance, time = (own[name].to_numpy() for name in ("turn_rad", "distance_m", "time_s"))
+    middle, usual_m = float(np.median(turn)), float(np.median(distance))
+    # An arc of angle a has the length chord x (a / 2) / sin(a / 2); the chord is the distance between two samples.
+    half = max(abs(middle) / 2.0, 1e-9)
+    arc_m = usual_m * half / np.sin(half)
+    spread = quartile_spread(turn - middle)
+    line = np.polyval(np.polyfit(time, distance, 1), time)
+    return {
+        "bend_per_m": float(middle / arc_m),
+        "spread_per_m": float(spread / arc_m),
+        "correlation": _slow_correlation(own["index"].to_numpy(), turn - middle, spread),
+        "distance_spread": float(quartile_spread(distance - line) * IQR / IQR_TRIANGULAR / usual_m),
+        "turns": float(own.height),
+        "samples": float(own["index"][-1]) + 1.0,
+    }
+
+
+def quartile_spread(values: Floats) -> float:
+    """Return the standard deviation of a normal distribution with the interquartile range of these values."""
+    return float(np.ptp(np.quantile(values, [0.25, 0.75]))) / IQR
+
+
+def _slow_correlation(index: Ints, deviation: Floats, spread: float) -> float | None:
+    """Return the autocorrelation of turns over all pairs that are one of ``SLOW_LAGS`` apart; None without any."""
+    clipped = np.clip(deviation, -CLIPPED * spread, CLIPPED * spread)
+    clipped = clipped - clipped.mean()
+    by_index = np.full(int(index[-1]) + 1, np.nan)  # NaN: no turn was measured at this sample
+    by_index[index] = clipped
+    products = [by_index[lag:] * by_index[:-lag] for lag in SLOW_LAGS if lag < by_index.size]
+    pairs = np.concatenate([np.zeros(0), *products])
+    pairs, variance = pairs[np.isfinite(pairs)], float((clipped**2).mean())
+    return float(pairs.mean() / variance) if pairs.size and variance > 0.0 else None
+
+
+def _laws(table: pl.DataFrame, robots: pl.DataFrame, draws: int) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the estimates by name, of all rows of the table, and draws of their law for ``robots``, (draws,) each."""
+    means = drawn_means(robots["within_m_s"].to_numpy() ** 2, evenly_drawn(draws, _SEED, "within_m_s"))
+    drawn: dict[str, Any] = {"within_m_s": np.sqrt(np.maximum(means, 0.0))}
+    values: dict[str, Any] = {"within_m_s": math.sqrt((table["within_m_s"] ** 2).mean())}  # type: ignore[arg-type]
     for column, (mean, spread) in LAWS.items():
-        known = table[column].drop_nulls().to_numpy()
-        if known.size > 1:
-            estimates[mean] = known.mean()
-            if spread:
-                estimates[spread] = known.std(ddof=1)
-    if "bend_per_m" in estimates:
-        estimates["slow_share"] = _slow_share(table)
-    return estimates
-
-
-def _drawn_laws(robots: pl.DataFrame, draws: int) -> dict[str, Any]:
-    """Return draws of means and spreads of the laws of all robots of this kind, by name, (draws,) each."""
-    squares = robots["within_m_s"].to_numpy() ** 2
-    means = drawn_means(squares, evenly_drawn(draws, _SEED, "within_m_s"))
-    drawn = {"within_m_s": np.sqrt(np.maximum(means, 0.0))}
-    for column, (mean, spread) in LAWS.items():
-        known = robots[column].drop_nulls().to_numpy()
-        if known.size < 2:
+        own = robots[column].drop_nulls().to_numpy()
+        if own.size < 2:
             continue
-        drawn[mean] = drawn_means(known, evenly_drawn(draws, _SEED, mean))
+        values[mean] = float(table[column].drop_nulls().to_numpy().mean())
+        drawn[mean] = drawn_means(own, evenly_drawn(draws, _SEED, mean))
         if mean in ("bend_within_per_m", "distance_spread"):
             drawn[mean] = np.maximum(drawn[mean], 0.0)
         if spread:
+            values[spread] = float(own.std(ddof=1))
             u = evenly_drawn(draws, _SEED, spread)
-            drawn[spread] = np.sqrt(drawn_variances(float(known.var(ddof=1)), known.size - 1, u))
-    return drawn
+            drawn[spread] = np.sqrt(drawn_variances(float(own.var(ddof=1)), own.size - 1, u))
+    for each in (values, drawn):
+        between = each["between_m_s"] ** 2
+        each["share_between"] = between / (between + each["within_m_s"] ** 2)
+        # A life of 1e9 s where robots do not slow down.
+        each["battery_life_s"] = 1.0 / np.maximum(each.pop("lost_per_s"), 1e-9)
+    if "bend_per_m" in values:
+        values["slow_share"] = _slow_share(table)
+    return values, drawn
 
 
 def _slow_share(table: pl.DataFrame) -> float:
     """Return the share of a veer's variance that is slow, from the mean autocorrelation of turns over ``SLOW_LAGS``.
 
-    The slow part is linear between independent values every ``DRIFT_SAMPLES`` samples. It changes over these lags, and
-    deviations are those from a session's own middle, which takes a part of both parts away.
+    The slow part is linear between independent values every ``DRIFT_SAMPLES`` samples. Deviations are those from a
+    session's own middle, which takes a part of both parts away.
     """
     known = table.drop_nulls("correlation")
     if known.is_empty():
@@ -300,35 +348,22 @@ def _slow_share(table: pl.DataFrame) -> float:
 def _matched(table: pl.DataFrame) -> pl.DataFrame | None:
     """Match the robots of all sessions: the table with a column ``body``, the robot of the first session.
 
-    Returns:
-        None if sessions have different numbers of robots, or if matched robots differ too much between sessions: their
-        variance, in units of ``APART`` squared, exceeds 1 in the mean over robots, speed and bend (if all bends are
-        known). The sessions then have different robots.
+    None if sessions have different robots: other numbers of them, or a variance of matched robots, in units of
+    ``APART`` squared, above 1 in the mean over robots, speed and bend (if all bends are known).
     """
     sessions = table.partition_by("run", maintain_order=True)
     if len({session.height for session in sessions}) > 1:
         return None
     scale = np.array([1.0, float(table["speed_m_s"].mean())]) / APART  # type: ignore[arg-type]  # bend x speed: a veer
     bodies = [scale * session.select("start_speed_m_s", "bend_per_m").to_numpy() for session in sessions]
-    orders = []
-    for own in bodies:
-        # Differences between each robot of the first session and each of this one; of unknown bends they count as 0.
-        apart = np.nan_to_num(bodies[0][:, None] - own[None])
-        orders.append(linear_sum_assignment((apart**2).sum(axis=2))[1])
-    if len(sessions) > 1:
-        own = np.array([body[order] for body, order in zip(bodies, orders, strict=True)])
-        if np.nanmean(own.var(axis=0, ddof=1).mean(axis=0)) > 1.0:
-            return None
+    # Differences between each robot of the first session and each of another; of unknown bends they count as 0.
+    apart = [(np.nan_to_num(bodies[0][:, None] - own[None]) ** 2).sum(axis=2) for own in bodies]
+    orders = [linear_sum_assignment(of_pairs)[1] for of_pairs in apart]
+    own = np.array([body[order] for body, order in zip(bodies, orders, strict=True)])
+    if len(sessions) > 1 and np.nanmean(own.var(axis=0, ddof=1).mean(axis=0)) > 1.0:
+        return None
     ordered = [session[order] for session, order in zip(sessions, orders, strict=True)]
     return pl.concat(ordered).with_columns(body=pl.int_range(pl.len()).over("run"))
-
-
-def _bodies(matched: pl.DataFrame) -> pl.DataFrame:
-    """Return the means of each robot over the sessions in which it is known; of ``within_m_s``, that of squares."""
-    square = pl.col("within_m_s").pow(2).mean().sqrt()
-    return matched.group_by("body", maintain_order=True).agg(
-        pl.all().exclude("run", "within_m_s").mean(), square
-    )
 
 
 def _speed_between_sessions(matched: pl.DataFrame, draws: int) -> tuple[float, Floats]:
@@ -365,9 +400,8 @@ def _distance_ratio(found: Dataset, table: pl.DataFrame, base: Scenario) -> floa
     """Return the distance driven in undisturbed intervals, divided by the distance at driving speed.
 
     The distance driven is the arc of the robot's bend whose chord is the mean distance between the two samples, without
-    intervals in which something held the robot up. The distance at driving speed is the mean speed times the time of a
-    drive from sample to sample. Both are means over robots in sessions. The result is 1, no correction, with fewer than
-    50 undisturbed intervals, if a robot has none, and if the ratio is not between 0.8 and 1.25, which is not plausible.
+    intervals in which something held the robot up. 1, no correction, with fewer than 50 such intervals, if a robot has
+    none, and if the ratio is not plausible.
     """
     calm = calm_intervals(found.samples).filter(pl.col("distance_m") > LEAST_M).sort("run", "robot")
     chords = calm.group_by("run", "robot", maintain_order=True).agg(pl.col("distance_m").mean())

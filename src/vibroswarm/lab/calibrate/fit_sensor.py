@@ -34,7 +34,6 @@ from scipy.special import gammaincinv, gammaln, ndtr
 
 from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.blas import with_one_blas_thread
-from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
 from vibroswarm.lab.calibrate.dataset import Dataset
 from vibroswarm.lab.calibrate.few_groups import drawn_variances, evenly_drawn
@@ -58,8 +57,6 @@ ROUNDS: Final = 3
 """How often the fit alternates between theta and the factors."""
 _SEED: Final = 31
 """Seed of the bootstrap."""
-_MOST_SPREAD: Final = 2.0
-"""Largest spread that a scenario takes."""
 _FLOOR: Final = 1e-6
 """Density added to each sample's likelihood, so that an energy impossible on both kinds of tile does not decide the
 fit."""
@@ -96,26 +93,21 @@ class _Between(NamedTuple):
         """Variance between groups without sampling noise."""
         return max(self.total - self.noise, 0.0)
 
-    @property
-    def spread(self) -> float:
-        """Standard deviation between groups without sampling noise."""
-        return math.sqrt(self.variance)
-
     def drawn(self, draws: int, purpose: str) -> Floats:
         """Return draws of the spread, (draws,): of a variance of so many groups, less noise (``few_groups``)."""
         freedom = self.groups - 1
         if freedom < 1:
             return np.zeros(draws)
         between = drawn_variances(self.total, freedom, evenly_drawn(draws, _SEED, purpose)) - self.noise
-        return np.asarray(np.minimum(np.sqrt(np.maximum(between, 0.0)), _MOST_SPREAD))
+        return np.asarray(
+            np.minimum(np.sqrt(np.maximum(between, 0.0)), 2.0)
+        )  # the largest that a scenario takes
 
 
-@dataclass(frozen=True)
-class _Data:
-    """Samples with their factors, (samples,) each."""
+class _Data(NamedTuple):
+    """Samples, (samples,) each."""
 
     energy: Floats
-    """RMS energy E."""
     edge_m: Floats
     """Signed distance from the edge, m, negative on vibrating tiles."""
     vibrating: Floats
@@ -128,75 +120,65 @@ class _Data:
 def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     """Fit the Gamma distributions of energies, reach and blur of edges, and the spreads of tiles and robots.
 
-    Some 500 samples on each kind of tile are needed for usable estimates.
+    Some 500 samples on each kind of tile are needed for usable estimates. Positions are corrected for the camera.
 
-    Args:
-        found: sessions, with positions corrected for the camera.
-        draws: number of bootstrap resamples.
     Raises:
         InputError: all samples lie on one kind of tile, or no law within the bounds of the fit describes the energies.
     """
     samples = found.samples
-    unit = unit_of(samples["energy"].to_numpy())
-    energy, edge = samples["energy"].to_numpy() / unit, samples["edge_m"].to_numpy()
-    on = samples["vibrating"].to_numpy()
-    tile, other, run = (samples[name].to_numpy().astype(np.int64) for name in ("tile", "other", "run"))
-    # Number the tiles of all floors: the number of a floor's first tile, plus the tile's index on the floor. Sessions
-    # with the same tiles share tile factors.
-    most_tiles = max(floor.tiles.size for floor in found.floors)  # enough numbers for the tiles of any floor
-    first_tile = found.ground_numbers[run] * most_tiles
-    below = first_tile + tile
-    # ``other`` is -1 on a floor with one kind of tile. Any tile number will do there, so that of the tile below is
-    # used: the distance d is infinite, so P(d) leaves the other kind's term of the likelihood without weight.
-    neighbour = np.where(other >= 0, first_tile + other, below)
-    # Replace the numbers by 0, 1, 2, ... without gaps, because they index the array of factors.
-    below, neighbour = np.unique(np.r_[below, neighbour], return_inverse=True)[1].reshape(2, -1)
-    vib_tile, still_tile = np.where(on, below, neighbour), np.where(on, neighbour, below)
+    energies, edge, on = (samples[name].to_numpy() for name in ("energy", "edge_m", "vibrating"))
+    unit = unit_of(energies)
+    # Numbers of tiles on all grounds. ``other`` is -1 on a floor with one kind of tile. Any tile will do there, so the
+    # tile below is used: the distance d is infinite, so P(d) leaves the other kind's term without weight.
+    tile, other, ground = (samples[name].to_numpy().astype(np.int64) for name in ("tile", "other", "ground"))
+    first_tile = ground * max(floor.tiles.size for floor in found.floors)
+    numbers = np.r_[first_tile + tile, first_tile + np.where(other >= 0, other, tile)]
+    # 0, 1, 2, ... without gaps, because they index the array of factors.
+    below, neighbour = np.unique(numbers, return_inverse=True)[1].reshape(2, -1)
+    at_tile = (
+        np.where(on, below, neighbour),
+        np.where(on, neighbour, below),
+    )  # nearest vibrating, nearest still
     cluster = robot_clusters(samples)
     # Logarithms of the factors, all factors 1 at first.
-    of_tile = np.zeros(int(max(below.max(), neighbour.max())) + 1)
-    of_robot = np.zeros(int(cluster.max()) + 1)
-    theta = _start(energy, on)
+    of_tile, of_robot = np.zeros(int(np.max(at_tile)) + 1), np.zeros(int(cluster.max()) + 1)
     apart = (_Between(), _Between())
-
-    def with_factors() -> _Data:
-        """Return the samples with the present factors of tiles and robots."""
-        return _Data(
-            energy,
-            edge,
-            vibrating=np.exp(of_tile[vib_tile] + of_robot[cluster]),
-            still=np.exp(of_tile[still_tile] + of_robot[cluster]),
-        )
-
-    equal_weights = np.ones(energy.size)
-    for _ in range(ROUNDS):
-        data = with_factors()
-        theta = _fit(data, equal_weights, theta)
-        of_tile, of_robot, apart = _factors(
-            theta, data, tiles=(vib_tile, still_tile), cluster=cluster, before=(of_tile, of_robot)
-        )
-    data = with_factors()
-    theta = _fit(data, equal_weights, theta)  # theta that belongs to the last factors
-    values = _values(theta, unit) | {name: one.spread for name, one in zip(SPREADS, apart, strict=True)}
-    _check_medians(values, samples["energy"].to_numpy(), on)
-    weights = (cluster_weights(_SEED, draw, stream=0, cluster=cluster) for draw in range(draws))
+    theta = _start(energies / unit, on)
+    for k in range(ROUNDS + 1):
+        factors = [np.exp(of_tile[number] + of_robot[cluster]) for number in at_tile]
+        data = _Data(energies / unit, edge, *factors)
+        theta = _fit(data, np.ones(on.size), theta)
+        if k < ROUNDS:  # the last theta belongs to the last factors
+            of_tile, of_robot, apart = _factors(theta, data, at_tile, cluster, of_tile, of_robot)
+    values = _values(theta, unit) | {
+        name: math.sqrt(one.variance) for name, one in zip(SPREADS, apart, strict=True)
+    }
+    for kind, own in (("vibrating", energies[on]), ("still", energies[~on])):
+        # Energies that are all alike are beyond the bounds of the fit, which then ends at them.
+        shape, scale, location = (values[f"{kind}_{name}"] for name in ("shape", "scale", "location"))
+        low, high = scale * gammaincinv(shape, np.array([0.05, 0.95])) + location
+        if not low <= np.median(own) <= high:
+            raise InputError(
+                f"no law can be fitted to those on {kind} tiles; it takes energies that vary",
+                field="the energies",
+            )
     # A fit to a resample starts from the best theta, which is close to its own optimum, so a quick fit is enough.
-    drawn = [_values(_fit(data, weight, theta, quick=True), unit) for weight in weights]
-    bootstrap = {name: np.array([values_of[name] for values_of in drawn]) for name in FIELDS}
+    drawn = [
+        _values(_fit(data, cluster_weights(_SEED, draw, stream=0, cluster=cluster), theta, quick=True), unit)
+        for draw in range(draws)
+    ]
     # The mean of the factors is that of these tiles and robots only.
     error = math.sqrt(sum(one.variance / one.groups for one in apart))
-    factors = np.exp(error * generator(_SEED, "mean factor").standard_normal(draws))
-    bootstrap |= {name: bootstrap[name] * factors for name in SCALED}
+    means = np.exp(error * generator(_SEED, "mean factor").standard_normal(draws))
+    bootstrap = {
+        name: np.array([one[name] for one in drawn]) * (means if name in SCALED else 1.0) for name in FIELDS
+    }
     spreads = {name: one.drawn(draws, name) for name, one in zip(SPREADS, apart, strict=True)}
     return SensorFit(values, bootstrap | spreads, unit)
 
 
 def unit_of(energy: Floats) -> float:
-    """Return the power of 10 nearest to the median of energies, in which the bounds of the fit are those of any unit.
-
-    Args:
-        energy: energies, (samples,).
-    """
+    """Return the power of 10 nearest to the median of energies, the unit for which the bounds of the fit are."""
     median = float(np.median(energy))
     return 10.0 ** round(math.log10(median)) if median > 0.0 else 1.0
 
@@ -204,38 +186,22 @@ def unit_of(energy: Floats) -> float:
 def fit_plain(energy: Floats, edge_m: Floats, vibrating: Bools) -> Floats:
     """Return theta of maximum likelihood, (8,), for tiles and robots without differences (all factors 1).
 
-    Args:
-        energy, edge_m: energy and signed distance from the edge of each sample, (samples,).
-        vibrating: whether the tile below each sample vibrates, (samples,).
     Raises:
         InputError: all samples lie on one kind of tile.
     """
     ones = np.ones(energy.size)
-    return _fit(
-        _Data(energy, edge_m, vibrating=ones, still=ones), weight=ones, theta=_start(energy, vibrating)
-    )
+    return _fit(_Data(energy, edge_m, ones, ones), ones, _start(energy, vibrating))
 
 
 def log_likelihoods(theta: Floats, energy: Floats, edge_m: Floats) -> Floats:
-    """Return the log likelihood of each sample, (samples,), for tiles and robots without differences (all factors 1).
-
-    Args:
-        theta: from ``fit_plain``.
-        energy, edge_m: energy and signed distance from the edge of each sample, (samples,).
-    """
+    """Return the log likelihood of each sample, (samples,), with ``theta`` of ``fit_plain``."""
     ones = np.ones(energy.size)
-    from_vibrating, from_still = _parts_of(_Data(energy, edge_m, vibrating=ones, still=ones), theta)
-    return np.asarray(np.log(from_vibrating + from_still + _FLOOR))
+    return np.log(sum(_parts_of(_Data(energy, edge_m, ones, ones), theta)) + _FLOOR)
 
 
 def _start(energy: Floats, on: Bools) -> Floats:
-    """Return the theta that a fit starts from, (8,).
+    """Return the theta that a fit starts from: of each kind of tile the shape 4, and the standard deviation.
 
-    For each kind of tile the shape is 4, the scale gives the standard deviation of the energies there, and the location
-    is 0 or a value below the least energy. The reach is 0.5 cm, the blur 1.5 cm.
-
-    Args:
-        energy: energy of each sample, (samples,). on: whether the tile below each sample vibrates, (samples,).
     Raises:
         InputError: there is no sample on one kind of tile.
     """
@@ -269,35 +235,10 @@ def _values(theta: Floats, unit: float = 1.0) -> dict[str, float]:
     return {name: float(value) for name, value in zip(FIELDS, plain, strict=True)}
 
 
-def _check_medians(values: Mapping[str, float], energy: Floats, on: Bools) -> None:
-    """Refuse laws of energy whose middle 90 % do not hold the median of the energies that they were fitted to.
-
-    Energies that are all alike are beyond the bounds of the fit, which then ends at them.
-
-    Args:
-        values: of the laws, by field. energy: energy of each sample, (samples,).
-        on: whether the tile below each sample vibrates, (samples,).
-    Raises:
-        InputError: as said.
-    """
-    for kind, own in (("vibrating", energy[on]), ("still", energy[~on])):
-        shape, scale, location = (values[f"{kind}_{name}"] for name in ("shape", "scale", "location"))
-        low, high = scale * gammaincinv(shape, np.array([0.05, 0.95])) + location
-        median = float(np.median(own))
-        if not low <= median <= high:
-            raise InputError(
-                f"those on {kind} tiles have the median {stated(median)}, but 90 % of the fitted law lie between "
-                f"{stated(low)} and {stated(high)}: no law that can be fitted describes them. It takes energies that "
-                "vary",
-                field="the energies",
-            )
-
-
 def _density(energy: Floats, shape: float, scale: float, location: float) -> Floats:
     """Return the density of a shifted Gamma distribution at each energy; 0 up to its location."""
     x = np.maximum((energy - location) / scale, 1e-300)  # above 0 for the logarithm
-    inside = energy > location
-    return np.where(inside, np.exp((shape - 1) * np.log(x) - x - gammaln(shape)) / scale, 0.0)
+    return np.where(energy > location, np.exp((shape - 1) * np.log(x) - x - gammaln(shape)) / scale, 0.0)
 
 
 def _parts_of(data: _Data, theta: Floats) -> tuple[Floats, Floats]:
@@ -314,62 +255,42 @@ def _parts_of(data: _Data, theta: Floats) -> tuple[Floats, Floats]:
 
 
 def _fit(data: _Data, weight: Floats, theta: Floats, quick: bool = False) -> Floats:
-    """Return the theta of largest weighted likelihood.
-
-    Args:
-        data: the samples with their factors. weight: weight of each sample, (samples,). theta: start values.
-        quick: whether few iterations are enough, as in a bootstrap that starts from the best theta.
-    """
+    """Return the theta of largest weighted likelihood; few iterations if ``quick``, from nearly the best theta."""
 
     def loss(at: Floats) -> float:
-        from_vibrating, from_still = _parts_of(data, at)
-        return -float(weight @ np.log(from_vibrating + from_still + _FLOOR)) / float(weight.sum())
+        return -float(weight @ np.log(sum(_parts_of(data, at)) + _FLOOR)) / float(weight.sum())
 
     # Bounds of theta: log shape, log scale and location of each kind of tile, reach (cm), log blur (cm).
     # All energies may be far from 0, with a law that begins there.
     location = (-2.0, max(float(data.energy.min()), 0.5))
     bounds = [(0.0, 4.0), (-5.0, 2.0), location] * 2 + [(-3.0, 8.0), (-2.0, 2.0)]
-    inside = np.clip(theta, *np.array(bounds).T)
-    most = 25 if quick else 200
     optimum = minimize(
-        loss, inside, method="L-BFGS-B", bounds=bounds, options={"maxiter": most, "ftol": 1e-10}
+        loss,
+        np.clip(theta, *np.array(bounds).T),
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"maxiter": 25 if quick else 200, "ftol": 1e-10},
     )
     return np.asarray(optimum.x)
 
 
 def _factors(
-    theta: Floats, data: _Data, tiles: tuple[Ints, Ints], cluster: Ints,
-    before: tuple[Floats, Floats],
+    theta: Floats, data: _Data, tiles: tuple[Ints, Ints], cluster: Ints, of_tile: Floats, of_robot: Floats,
 ) -> tuple[Floats, Floats, tuple[_Between, _Between]]:  # fmt: skip
-    """Estimate the log factors of tiles and robots.
+    """Estimate the log factors of tiles and robots, and how far both are apart, from the present ones.
 
-    Every sample counts twice: as if it was read on its nearest vibrating tile, and as if on its nearest still tile. The
-    two are weighted by their probabilities.
-
-    Args:
-        theta: parameters of the distributions. data: the samples with the present factors.
-        tiles: numbers of the nearest vibrating and of the nearest still tile of each sample, (samples,) each.
-        cluster: number of the robot in its session, for each sample, (samples,).
-        before: present log factors of the tiles, (tiles,), and of the robots, (clusters,).
-    Returns:
-        Log factors of the tiles, (tiles,), and of the robots, (clusters,), and how far both are apart.
+    Every sample counts twice: as if it was read on its nearest vibrating tile, and as if on its nearest still tile
+    (``tiles``). The two are weighted by their probabilities. ``cluster`` is a sample's robot in its session.
     """
     from_vibrating, from_still = _parts_of(data, theta)
     # Probability that a sample was read on a vibrating tile. Without ``_FLOOR`` it would be 0 / 0 for an energy that is
     # impossible on both kinds; such a sample counts as read on the still tile.
     share = from_vibrating / (from_vibrating + from_still + _FLOOR)
-    values = _values(theta)
     # Log energy minus its mean, if the sample was read on a vibrating tile, and if it was read on a still tile.
     log_energy = np.log(np.maximum(data.energy, 1e-3))
-    deviations = [
-        log_energy - _mean_log(*(values[f"{kind}_{name}"] for name in ("shape", "scale", "location")))
-        for kind in ("vibrating", "still")
-    ]
-    weight = np.r_[share, 1 - share]
-    deviation = np.concatenate(deviations)
-    at_robot = np.r_[cluster, cluster]
-    at_tile = np.concatenate(tiles)
-    of_tile, of_robot = before
+    values = list(_values(theta).values())
+    deviation = np.r_[log_energy - _mean_log(*values[:3]), log_energy - _mean_log(*values[3:6])]
+    weight, at_robot, at_tile = np.r_[share, 1 - share], np.r_[cluster, cluster], np.concatenate(tiles)
     # Tiles and robots in turn, because the factors of each are estimated with those of the other taken away; after four
     # turns they hardly change.
     for _ in range(4):
@@ -385,14 +306,10 @@ def _factors(
 
 
 def _effects(rest: Floats, weight: Floats, group: Ints, groups: int) -> tuple[Floats, _Between]:
-    """Return the effect of each group, (groups,), and how far groups are apart.
+    """Return the effect of each of ``groups`` tiles or robots, (groups,), and how far they are apart.
 
-    A group is a tile or a robot. Its effect is its mean minus the mean over groups, multiplied by the share of its
-    variance that is no sampling noise. Groups of total weight 5 or less are not used, and have effect 0.
-
-    Args:
-        rest, weight, group: value, weight, and group (from 0) of each sample, (samples,) each.
-        groups: number of groups.
+    An effect is the group's mean minus the mean over groups, multiplied by the share of its variance that is no
+    sampling noise. Groups of total weight 5 or less have effect 0. Other arguments: of each sample, (samples,).
     """
     total = np.maximum(np.bincount(group, weight, groups), 1e-9)  # above 0, for groups without samples
     mean = np.bincount(group, weight * rest, groups) / total
@@ -412,9 +329,6 @@ def _effects(rest: Floats, weight: Floats, group: Ints, groups: int) -> tuple[Fl
 
 
 def _mean_log(shape: float, scale: float, location: float) -> float:
-    """Return the mean of log(max(G, 1e-3)) for G of a shifted Gamma distribution, by the midpoint rule.
-
-    The limit 1e-3 is that of ``_factors``, which subtracts this mean from log(max(E, 1e-3)).
-    """
+    """Return the mean of log(max(G, 1e-3)), as in ``_factors``, of a shifted Gamma law, by the midpoint rule."""
     u = (np.arange(400) + 0.5) / 400  # probabilities whose quantiles stand for the distribution
     return float(np.log(np.maximum(scale * gammaincinv(shape, u) + location, 1e-3)).mean())

@@ -1,4 +1,4 @@
-"""Histograms of samples, feature by feature, and their pictures: of several sources in one, or side by side."""
+"""Histograms of samples, feature by feature, and their pictures."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.numbers import number
-from vibroswarm.lab.calibrate.features import FEATURES, values_of
-from vibroswarm.lab.calibrate.samples import sample_table
+from vibroswarm.lab.calibrate.samples import FEATURES, sample_table, values_of
 from vibroswarm.plots.layout import legend_below, new_figure, panels_of, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import look, style_named
@@ -37,18 +36,13 @@ SPANS: Final = {
 """Range of each column of a feature, as in the paper's figures."""
 BINS: Final = {"avoidance": 40, "vibrating": 48, "still": 48, "places": 15, "distances": 24, "steps": 39}
 """Number of bins along each axis, by feature."""
-ACROSS: Final = 2
-"""Maps side by side."""
 
 
 def histograms_of(sources: Mapping[str, Result]) -> pl.DataFrame:
-    """Return the histograms of all features: one row for each source, feature and bin.
+    """Return the histograms of all features of results by name: one row for each source, feature and bin.
 
     Columns: source; feature; x and y, the centre of the bin (y is null for a feature with one column); share, the
     number of values in the bin divided by the number of all values of the source, those beyond the bins included.
-
-    Args:
-        sources: results by name; their sessions are pooled.
     """
     frames = []
     for source, result in sources.items():
@@ -59,74 +53,54 @@ def histograms_of(sources: Mapping[str, Result]) -> pl.DataFrame:
             grid = np.meshgrid(*((edge[:-1] + edge[1:]) / 2 for edge in edges), indexing="ij")
             columns = {
                 "x": grid[0].ravel(),
-                "y": grid[1].ravel() if len(grid) > 1 else np.full(counts.size, np.nan),
+                "y": grid[1].ravel() if len(grid) > 1 else pl.Series([None] * counts.size, dtype=pl.Float64),
                 "share": counts.ravel() / max(len(values), 1),
             }
-            named = {"source": pl.lit(source), "feature": pl.lit(feature)}
-            frames.append(pl.DataFrame(columns).select(**named, **{name: pl.col(name) for name in columns}))
-    return pl.concat(frames).with_columns(pl.col("y").fill_nan(None))
+            names = pl.lit(source).alias("source"), pl.lit(feature).alias("feature")
+            frames.append(pl.DataFrame(columns).select(*names, pl.all()))
+    return pl.concat(frames)
 
 
 @drawn
-def draw_shares(frame: pl.DataFrame, *, x_label: str = "", title: str = "", style: str = "column") -> Picture:
-    """Draw histograms of one variable over each other, a step line for each series.
+def draw_histograms(frame: pl.DataFrame, feature: str, *, style: str = "column") -> Picture:
+    """Draw the histograms of a feature: step lines over each other, or maps side by side on one grey scale.
 
     Args:
-        frame: one row per bin: ``x`` (its centre), ``share``, ``series``. x_label: label of the x axis.
-        title: text above the picture. style: "column", "page" or "slide".
+        frame: ``histograms_of``, also of further features. style: "column", "page" or "slide".
     Returns:
-        Picture; its numbers are ``series, x, share``.
+        Picture; its numbers are ``source, x, y, share``.
     """
-    sizes = style_named(style)
-    series = frame["series"].unique(maintain_order=True).to_list()
-    figure, axes = plain_axes(sizes, x_label, "share of samples", title=title)
-    handles: list[Any] = []
-    for index, name in enumerate(series):
-        part, looks = frame.filter(pl.col("series") == name).sort("x"), look(index)
-        handles += axes.step(
-            part["x"].to_numpy(), part["share"].to_numpy(), where="mid", color=looks.colour, linestyle=looks.line,
-            linewidth=sizes.line_pt,
-        )  # fmt: skip
-    axes.set_ylim(bottom=0.0)
-    legend_below(figure, sizes, handles, series)
-    caption = f"Share of samples by {x_label}, of {len(series)} sources."
-    return Picture(figure, frame.select("series", "x", "share"), caption)
-
-
-@drawn
-def draw_maps(frame: pl.DataFrame, feature: str, *, title: str = "", style: str = "column") -> Picture:
-    """Draw histograms of two variables side by side, on one grey scale.
-
-    Args:
-        frame: one row per bin: ``panel`` (its title), ``x`` and ``y`` (centre of the bin), ``share``.
-        feature: name of a feature with two columns, which gives the labels and ranges of the axes.
-        title: text above the picture. style: "column", "page" or "slide".
-    Returns:
-        Picture; its numbers are ``panel, x, y, share``.
-    """
-    sizes = style_named(style)
-    panels = frame.partition_by("panel", maintain_order=True)
+    sizes, own = style_named(style), frame.filter(feature=feature)
+    panels = {str(key[0]): part for key, part in own.group_by("source", maintain_order=True)}
+    numbers, labels = own.select("source", "x", "y", "share"), AXES[feature]
+    if feature in ("avoidance", "vibrating", "still"):
+        figure, axes = plain_axes(sizes, *labels)
+        for index, part in enumerate(panels.values()):
+            looks, points = look(index), (part["x"].to_numpy(), part["share"].to_numpy())
+            line: dict[str, Any] = {
+                "color": looks.colour,
+                "linestyle": looks.line,
+                "linewidth": sizes.line_pt,
+            }
+            axes.step(*points, where="mid", **line)
+        axes.set_ylim(bottom=0.0)
+        legend_below(figure, sizes, axes.get_lines(), list(panels))
+        return Picture(figure, numbers, f"Share of samples by {labels[0]}, of {len(panels)} sources.")
     # A panel is about half as wide as the figure, so 0.48 of the width as height makes it nearly square.
-    figure = new_figure(sizes, height_in=math.ceil(len(panels) / ACROSS) * sizes.width_in * 0.48, title=title)
+    figure = new_figure(sizes, height_in=math.ceil(len(panels) / 2) * sizes.width_in * 0.48)
     # A single extreme bin of a map must not make all others pale.
-    highest = float(np.quantile(frame["share"].to_numpy(), 0.999))
-    (left, right), (bottom, top) = SPANS[feature]
+    highest = float(np.quantile(own["share"].to_numpy(), 0.999))
     aspect: Any = "auto" if feature == "distances" else "equal"  # both axes of the others are lengths
-    for place, axes in enumerate(panels_of(figure, len(panels), ACROSS, sharex=True, sharey=True)):
-        # One row per y, ascending, and one column per x, in the order of the frame.
-        shares = panels[place].pivot("x", index="y", values="share").sort("y").drop("y").to_numpy()
+    all_axes = panels_of(figure, len(panels), 2, sharey=True)
+    for axes, (source, part) in zip(all_axes, panels.items(), strict=True):
+        shares = part["share"].to_numpy().reshape(BINS[feature], -1).T  # a row per y
+        (left, right), (bottom, top) = SPANS[feature]
         axes.imshow(
             shares, origin="lower", extent=(left, right, bottom, top), aspect=aspect, cmap="Greys", vmin=0.0,
             vmax=highest, interpolation="nearest",
         )  # fmt: skip
-        axes.set_title(panels[place]["panel"][0], fontsize=sizes.small_pt)
-        axes.locator_params(nbins=4)
-        axes.xaxis.set_tick_params(labelbottom=place + ACROSS >= len(panels))  # if no panel is below
-        axes.tick_params(labelsize=sizes.small_pt)
-    figure.supxlabel(AXES[feature][0], fontsize=sizes.font_pt)
-    figure.supylabel(AXES[feature][1], fontsize=sizes.font_pt)
-    caption = (
-        f"Shares of samples by {AXES[feature][0]} and {AXES[feature][1]}; darker is more, up to "
-        f"{number(highest, digits=3)}."
-    )
-    return Picture(figure, frame.select("panel", "x", "y", "share"), caption)
+        axes.set_title(source, fontsize=sizes.small_pt)
+    figure.supxlabel(labels[0], fontsize=sizes.font_pt)
+    figure.supylabel(labels[1], fontsize=sizes.font_pt)
+    caption = f"Shares of samples by {labels[0]} and {labels[1]}; darker is more, up to {number(highest, digits=3)}."
+    return Picture(figure, numbers, caption)

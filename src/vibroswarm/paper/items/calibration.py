@@ -16,9 +16,8 @@ import polars as pl
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.lab.calibrate.camera import seen_through
 from vibroswarm.lab.calibrate.compare import Comparison, camera_between, compare, null_similarity, similarity
-from vibroswarm.lab.calibrate.features import FEATURES, WORDS, values_of
-from vibroswarm.lab.calibrate.histograms import draw_maps, draw_shares, histograms_of
-from vibroswarm.lab.calibrate.samples import by_session
+from vibroswarm.lab.calibrate.histograms import draw_histograms, histograms_of
+from vibroswarm.lab.calibrate.samples import FEATURES, WORDS, by_session, values_of
 from vibroswarm.paper.claims import all_claims, constant, mean, state
 from vibroswarm.paper.columns import (
     AUTHORS,
@@ -197,12 +196,7 @@ def _draw(made: Made, sources: dict[str, Result]) -> None:
     made.pictures["calibration-states"] = Drawn("Time in each state", draw)
     histograms = histograms_of(sources)
     for feature in NAMES:
-        own = histograms.filter(pl.col("feature") == feature)
-        if feature in ("avoidance", "vibrating", "still"):
-            shares = own.select("x", "share", series="source")
-            drawn = partial(draw_shares, shares, x_label=WORDS[feature])
-        else:
-            drawn = partial(draw_maps, own.select("x", "y", "share", panel="source"), feature)
+        drawn = partial(draw_histograms, histograms, feature)
         made.pictures[f"calibration-{feature}"] = Drawn(WORDS[feature].capitalize(), drawn)
     at = pl.col("at_equal_counts")
     spans = made.tables["similarities"].select(
