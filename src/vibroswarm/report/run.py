@@ -240,7 +240,7 @@ def _verdict_table(swarm: Verdict) -> Table:
     values = {
         name: ", ".join(value) if isinstance(value, tuple) else value
         for name, value in swarm.as_dict().items()
-        if name not in ("robots", "presumed")
+        if name != "robots"
     }
     return Table(pl.DataFrame([values], infer_schema_length=None), "All numbers of the run", folded=True)
 

@@ -41,9 +41,8 @@ from vibroswarm.observation.decision_boundary import (
     expected_ones_on,
     readings_boundary,
 )
-from vibroswarm.observation.energy_model import model_of
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.statistics.intervals import ForJson, wilson_limits
+from vibroswarm.statistics.intervals import wilson_limits
 
 Word = Literal[
     "decidable", "wrong side", "on the boundary", "indistinguishable from the boundary", "not assessed"
@@ -59,12 +58,10 @@ SENTENCES: Final[dict[Word, str]] = {
 
 ON = 1e-9
 """A share closer to the boundary than this is on it."""
-_EXACT_UP_TO = 100_000
-"""Above this number, ``samples_needed`` uses the normal approximation."""
 
 
 @dataclass(frozen=True)
-class Decidability(ForJson):
+class Decidability:
     """Whether the question can be decided from own samples.
 
     The module's docstring explains the terms.
@@ -72,10 +69,8 @@ class Decidability(ForJson):
 
     verdict: Word
     """On which side of the tested boundary the share of ones is, in a word."""
-    says: str
-    """The verdict in a sentence."""
-    boundary: float
-    """The boundary of the question."""
+    seen: str
+    """The share, in words."""
     tested: float
     """The share of ones with which robots compare: the boundary itself, or the share of ones expected at it."""
     truth: int | None
@@ -90,12 +85,13 @@ class Decidability(ForJson):
     """Lower limit of a measured share."""
     share_high: float | None = None
     """Upper limit of a measured share."""
-    effective_samples: float | None = None
-    """Number of independent samples behind a measured share."""
     samples_needed: int | None = None
     """Independent samples for the wanted error; None unless two kinds of tile are decidable."""
-    threshold: float | None = None
-    """The sensor's threshold theta; None if it reads without one."""
+
+    @property
+    def says(self) -> str:
+        """The verdict in a sentence."""
+        return f"{self.seen}: {SENTENCES[self.verdict]}."
 
     @property
     def is_warning(self) -> bool:
@@ -118,7 +114,7 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
             end of the run counts.
     """
     floor, sensor = (floor or scenario.floor_for(0, 0)).at(scenario.run.t_end_s), scenario.sensor
-    size = (scenario.arena.width_m, scenario.arena.height_m)
+    size = scenario.arena.size_m
     fill = floor.fill_ratio_within(*size)
     truth = truth_on(scenario, floor)
     if max(sensor.kinds, sensor.readings) > 2:
@@ -127,18 +123,27 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
         share = expected_ones_on(sensor, floor, size)
         found = decidability_of_share(share, readings_boundary(scenario), truth, error=error)
         if not _is_assessed(scenario, floor, found):
-            found = _with_verdict(found, "not assessed", found.says.partition(":")[0])
-    return replace(
-        found,
-        says="Floor at the end: " * scenario.change.is_given + found.says,
-        boundary=scenario.decision.decision_boundary,
-        fill_ratio=fill,
-        threshold=sensor.rms_threshold if model_of(sensor).share_at_most is not None else None,
-    )
+            found = replace(found, verdict="not assessed", samples_needed=None)
+    when = "Floor at the end: " if scenario.change.is_given else ""
+    return replace(found, seen=when + found.seen, fill_ratio=fill)
 
 
-def _with_verdict(found: Decidability, verdict: Word, seen: str) -> Decidability:
-    return replace(found, verdict=verdict, says=f"{seen}: {SENTENCES[verdict]}.", samples_needed=None)
+def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None) -> Decidability:
+    """Return whether the most common kind of tile, ``truth``, is read most often on this floor."""
+    sensor = scenario.sensor
+    verdict: Word = "decidable"
+    shares = expected_classes_on(sensor, floor, scenario.arena.size_m)
+    read = int(shares.argmax())
+    margin = None if truth is None else float(shares[truth] - np.delete(shares, truth).max())
+    seen = f"{percent(shares[read])} of the samples read as kind {read}, more than as any other"
+    if scenario.task.name != "majority" or sensor.kinds != sensor.readings:
+        verdict, margin = "not assessed", None
+    elif margin is None or abs(margin) < ON:
+        verdict = "on the boundary"
+    elif margin < 0.0:
+        verdict, seen = "wrong side", f"{seen}, but kind {truth} is the most common"
+    boundary = scenario.decision.decision_boundary
+    return Decidability(verdict, seen, boundary, truth, float(shares[1]), margin)
 
 
 def _is_assessed(scenario: Scenario, floor: Floor, found: Decidability) -> bool:
@@ -149,23 +154,6 @@ def _is_assessed(scenario: Scenario, floor: Floor, found: Decidability) -> bool:
     assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
     knows_rates = strategy is not None and strategy.knows_error_rates and assumed == (None, None)
     return not knows_rates or found.truth is None or found.verdict == "decidable"
-
-
-def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None) -> Decidability:
-    """Return whether the most common kind of tile, ``truth``, is read most often on this floor."""
-    sensor, boundary = scenario.sensor, scenario.decision.decision_boundary
-    shares = expected_classes_on(sensor, floor, (scenario.arena.width_m, scenario.arena.height_m))
-    read = int(shares.argmax())
-    margin = None if truth is None else float(shares[truth] - np.delete(shares, truth).max())
-    found = Decidability("not assessed", "", boundary, boundary, truth, float(shares[1]), margin)
-    seen = f"{percent(shares[read])} of the samples read as kind {read}, more than as any other"
-    if scenario.task.name != "majority" or sensor.kinds != sensor.readings:
-        return _with_verdict(replace(found, margin=None), "not assessed", seen)
-    if truth is None or margin is None or abs(margin) < ON:
-        return _with_verdict(found, "on the boundary", seen)
-    if margin < 0.0:
-        return _with_verdict(found, "wrong side", f"{seen}, but kind {truth} is the most common")
-    return _with_verdict(found, "decidable", seen)
 
 
 def decidability_of_share(
@@ -199,15 +187,13 @@ def decidability_of_share(
     seen = f"{percent(share)} of the samples read as vibrating, which robots compare with {percent(boundary)}"
     return Decidability(
         verdict=verdict,
-        says=f"{seen}: {SENTENCES[verdict]}.",
-        boundary=boundary,
+        seen=seen,
         tested=boundary,
         truth=truth,
         share=share,
         margin=margin,
         share_low=low,
         share_high=high,
-        effective_samples=effective_samples,
         samples_needed=samples_needed(share, boundary, error) if verdict == "decidable" else None,
     )
 
@@ -246,7 +232,7 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
     if distance < ON:
         return None
     normal = math.ceil((float(ndtri(error)) * math.sqrt(share * (1.0 - share)) / distance) ** 2)
-    if normal > _EXACT_UP_TO:
+    if normal > 100_000:
         return normal
     # The error is not monotonic in n, since counts are whole. So the error is computed for all n up to about twice the
     # normal approximation (and a margin, as small n may need more); the answer is the n after the last one whose error

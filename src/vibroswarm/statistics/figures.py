@@ -181,10 +181,6 @@ class Swarms:
         """Average ``values`` over the robots of each run that have one (not nan), (runs,); nan if no robot has one."""
         return mean_by_run(values, self.first)
 
-    def least(self, values: Array) -> Array:
-        """Return the smallest of ``values`` over the robots of each run that have one (not nan), (runs,)."""
-        return np.fmin.reduceat(values, self.first) if self.first.size else np.zeros(0)
-
     def by_robot(self, of_runs: Array) -> Array:
         """Repeat a value of each run for each of its robots."""
         return np.repeat(of_runs, self.count)
@@ -548,16 +544,6 @@ FIGURES: Final = (
 ESTIMATES: Final = ("estimate_error", "estimate_coverage", "estimate_crps")
 """Figures that stand in the place of right and wrong where a task asks for a number."""
 
-READ: Final = (
-    *("decision", "decision_time_s", "belief_in_truth", "sent"),
-    *("truth", "consensus", "right", "wrong", "undecided"),
-)
-"""Columns of a study's rows that are enough for ``OF_READ``."""
-OF_READ: Final = (
-    *("decision_time_s", "forced_error", "belief_in_truth", "sent"),
-    *("robots_right", "robots_wrong", "robots_undecided", "robot_error"),
-)
-"""Figures that need only the columns ``READ``."""
 
 BY_NAME: Final = {figure.name: figure for figure in FIGURES}
 """Each figure by its name as a figure of a cell."""

@@ -57,10 +57,6 @@ class Interval(NamedTuple):
     n: int
     how: str
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON; a number that is not finite becomes None."""
-        return {name: plain(value) for name, value in self._asdict().items()}
-
     def excludes(self, value: float) -> bool:
         """Return whether the value lies outside the limits; False if the limits are nan."""
         return self.high < value or self.low > value
@@ -69,17 +65,6 @@ class Interval(NamedTuple):
 def plain(value: Any) -> Any:
     """Return a value for JSON: a float that is not finite becomes None, any other value stays as it is."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-class ForJson:
-    """Base of results whose fields go into JSON."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON: intervals become dictionaries, and values that are not finite become None."""
-        return {
-            name: value.as_dict() if hasattr(value, "as_dict") else plain(value)
-            for name, value in vars(self).items()
-        }
 
 
 def columns_of(name: str, found: Sequence[Any]) -> dict[str, Any]:
@@ -400,14 +385,6 @@ def student_test(differences: ArrayLike, level: float = 0.95) -> Tested:
     return Tested(mean_interval(d, level), p_value)
 
 
-def quantile_rank(share: float, n: int) -> int:
-    """Return the place of a quantile among n sorted values, from 0: that of the ceil(share n)-th smallest.
-
-    1e-9: .55 of 100 values are 55, although the product is a little more in binary numbers.
-    """
-    return max(math.ceil(share * n - 1e-9), 1) - 1
-
-
 def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95) -> Interval:
     """Compute a quantile over runs with distribution-free limits from order statistics.
 
@@ -431,6 +408,11 @@ def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95
     )  # the smallest r whose P(B > r - 1) <= tail, less 1; n: none
     low = float(runs[lower - 1]) if lower else -math.inf
     high = float(runs[upper]) if upper < n else math.inf
-    middle = runs[[n // 2 - 1, n // 2]] if share == 0.5 and n % 2 == 0 else runs[[quantile_rank(share, n)]]
+    # 1e-9: .55 of 100 values are 55, although the product is a little more in binary numbers.
+    middle = (
+        runs[[n // 2 - 1, n // 2]]
+        if share == 0.5 and n % 2 == 0
+        else runs[[max(math.ceil(share * n - 1e-9), 1) - 1]]
+    )
     estimate = float(middle.mean()) if np.isfinite(middle).all() else math.inf
     return Interval(estimate, low, high, level, n, "order statistics")

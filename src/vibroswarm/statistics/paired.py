@@ -40,7 +40,6 @@ from numpy.typing import ArrayLike
 
 from vibroswarm.statistics.figures import BY_COLUMN, ESTIMATES, FIGURES
 from vibroswarm.statistics.intervals import (
-    ForJson,
     Interval,
     Tested,
     Values,
@@ -67,7 +66,7 @@ LEAST_KNOWN: Final = 0.95
 
 
 @dataclass(frozen=True)
-class Paired(ForJson):
+class Paired:
     """Comparison of one figure in two cells, over the runs that have the figure in both ("pairs").
 
     ``first`` and ``second`` are the means; ``difference`` is first - second. ``wins``, ``ties`` and ``losses`` count
@@ -229,11 +228,6 @@ def holm(p_values: ArrayLike) -> list[float]:
     scaled = p[order] * np.arange(order.size, 0, -1)  # (m - i + 1) p_(i)
     corrected[order] = np.minimum(np.maximum.accumulate(scaled), 1.0)  # Holm 1979
     return [float(value) for value in corrected]
-
-
-def confirms(again: Interval, first: Interval) -> bool:
-    """Return whether an interval of the second block confirms that of the first: both exclude 0 on the same side."""
-    return side(first) != 0 and side(first) == side(again)
 
 
 def side(interval: Interval) -> int:

@@ -14,7 +14,6 @@ readings: it is an opinion, not an estimate.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
@@ -22,7 +21,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm import strategies
-from vibroswarm.core.numbers import every, number, span, stated, stated_percent
+from vibroswarm.core.numbers import number, span, stated_percent
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
@@ -94,8 +93,6 @@ class Verdict:
     """Probability that a sample at a uniformly random place in the arena reads as vibrating, with the sensor's errors
     and what vibration does across tile edges."""
     share_of_ones_read: float | None
-    presumed: str
-    """What robots take for independent evidence though it is not, as a sentence: why beliefs may be too sure."""
     robots: tuple[RobotVerdict, ...]
     estimated: str = ""
     """The number that the task asks for, in words; empty if it asks for a decision."""
@@ -152,7 +149,6 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
             summary["end_s"],
             lambda floor: expected_ones_on(result.scenario.sensor, floor, size),
         ),
-        presumed=presumed(result.scenario),
         share_of_ones_read=float((bits == 1).mean()) if bits.len() else None,  # type: ignore[arg-type]
         robots=robots,
         **_scores(result, run),
@@ -195,15 +191,6 @@ def mean_over_time(floor: Floor, end_s: float, expected: Callable[[Floor], Any])
         (until - since_s) * expected(stage) for (since_s, stage), until in zip(stages, until_s, strict=True)
     )
     return sum(means) / end_s
-
-
-def presumed(scenario: Scenario) -> str:
-    """Return a sentence on what robots take for independent evidence, though it is not; empty if there is none."""
-    if not scenario.strategy.reads_places:
-        return "Robots treat all bits as independent; those of neighbouring samples are not."
-    if scenario.reads_true_places:
-        return ""
-    return "Robots treat errors of their places as independent; those of neighbouring samples are not."
 
 
 def answers_of(scenario: Scenario) -> tuple[str, ...]:
@@ -269,40 +256,6 @@ def decision_words(decision: int | None, answers: tuple[str, ...]) -> str:
     return "undecided" if decision == -1 else answers[decision]
 
 
-def headline(found: Verdict) -> str:
-    """Return the swarm's outcome as one sentence, such as "CONSENSUS, RIGHT: all 20 robots decided ...".
-
-    Args:
-        found: outcome of the run, from ``verdict``.
-    """
-    if found.estimated:
-        return _estimates(found)
-    if found.consensus is None:
-        return "Decisions were not logged."
-    if found.decision is None:
-        sides = Counter(decision_words(robot.decision, found.answers) for robot in found.robots)
-        counts = ", ".join(f"{robots} '{answer}'" for answer, robots in sides.most_common())
-        of_truth = "" if found.truth is None else f"; {found.right} right, {found.wrong} wrong"
-        return f"{found.consensus.upper()} after {stated(found.end_s)} s: {counts}{of_truth}."
-    right = f", {found.consensus.upper()}"
-    reason = ""
-    if found.consensus == "truth_undefined":
-        right, reason = (
-            "",
-            "; what is right depends on the robot" if found.asked_anew else "; no answer is right",
-        )
-    at = "" if found.consensus_time_s is None else f" by {number(found.consensus_time_s, 1)} s"
-    answer = decision_words(found.decision, found.answers)
-    return f"CONSENSUS{right}: {every(len(found.robots), 'robot')} decided '{answer}'{at}{reason}."
-
-
-def _estimates(found: Verdict) -> str:
-    """Return how good the robots' estimates are as one sentence."""
-    true = f"the {found.estimated} is {number(found.fill_ratio, digits=4)}"
-    told, sure = estimates_in_words(found)
-    return f"ESTIMATES: {told}; {true}. {sure}" if told else f"NO ESTIMATES: {true}, and {sure}"
-
-
 def estimates_in_words(found: Verdict) -> tuple[str, str]:
     """Return the range of the robots' estimates of what the task asks for, and a sentence on how good they are.
 
@@ -318,27 +271,8 @@ def estimates_in_words(found: Verdict) -> tuple[str, str]:
     return span(estimates), f"Mean error {number(found.estimate_error)}; {sure}."
 
 
-def confidence(found: Verdict) -> str:
-    """Return how sure robots were when they decided, and what they took for independent evidence though it is not."""
-    sure = [one.belief_in_decision for one in found.robots if one.belief_in_decision is not None]
-    if found.estimated or not sure:  # the headline says how sure robots are of an estimate
-        return found.presumed
-    # A belief is never exactly 0 or 1: only rounding would make it so.
-    low, high = (stated_percent(min(max(round(end, 4), 1e-4), 1 - 1e-4)) for end in (min(sure), max(sure)))
-    return f"Confidence at decision time: {low if low == high else f'{low} to {high}'}. {found.presumed}".rstrip()
-
-
-OPINION_NOTE: Final = (
-    "Under feedback a robot's posterior is its opinion, not an estimate of the fill ratio: it counts what other robots "
-    "concluded as if they had read it."
-)
-
-
 def holds_opinions(scenario: Scenario) -> bool:
-    """Return whether robots count conclusions of others as readings, so that ``OPINION_NOTE`` applies.
-
-    This is not known of strategies that are not built in; the result is False for them.
-    """
+    """Return whether robots count conclusions of others as readings; False for strategies that are not built in."""
     name = scenario.strategy.name
     # The first two have feedback whatever their parameters.
     return name in ("positive", "soft") or (

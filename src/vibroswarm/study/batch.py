@@ -1,11 +1,9 @@
 """Simulate some runs of cells that share their motion, which is simulated once.
 
-Readings are taken once for each floor, sensor and end of the runs, and each strategy is replayed on them. The result is
-one frame with a row for each scenario and run: the run's outcome, how its robots sampled, its figures
-(``statistics.figures``), and columns ``robot.*`` with a list of one value for each robot.
-
-If cells differ only in ``run.t_end_s``, the longest motion is simulated, and the others use its beginning. If runs end
-when all robots have decided, or a strategy steers, the motion depends on decisions, and only equal scenarios share it.
+Readings are taken once for each floor and sensor, and each strategy is replayed on them. The frame has a row for each
+scenario and run: its outcome, how its robots sampled, its figures (``statistics.figures``), and columns ``robot.*``
+with a list of one value for each robot. If runs end when all robots have decided, or a strategy steers, the motion
+depends on decisions, and only equal scenarios share it.
 
 A run fails if its source of motion gives it up; MuJoCo does so when a number is no longer finite. Its robots stand from
 then on, and count as undecided; the columns ``failed_s`` and ``failed`` say since when, and why.
@@ -38,7 +36,7 @@ from vibroswarm.inference.outcomes import (
 )
 from vibroswarm.inference.replay import replay_followed, replay_to_end
 from vibroswarm.inference.reports import REPORTED, reported_at_end
-from vibroswarm.motion.motion_tables import ENDS, Motion
+from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.source import moved
 from vibroswarm.observation.observe import energies_read, read_samples, reads_energies
 from vibroswarm.scenario import plugins
@@ -94,11 +92,9 @@ def scenario_of(text: str) -> Scenario:
 
 
 def motion_key(scenario: Scenario) -> str:
-    """Return a key that is equal for scenarios with the same motion, until the shorter one ends."""
-    if scenario.run.stop == "all_decided" or steers(scenario):
-        return scenario.hash
-    others = _key(scenario, [section for section in OF_MOTION if section != "run"])
-    return f"{others}\n{scenario.run.model_dump_json(exclude={'t_end_s'})}"
+    """Return a key that is equal for scenarios with the same motion."""
+    by_decisions = scenario.run.stop == "all_decided" or steers(scenario)
+    return scenario.hash if by_decisions else _key(scenario, OF_MOTION)
 
 
 def _key(scenario: Scenario, sections: Iterable[str]) -> str:
@@ -154,10 +150,10 @@ def simulate_runs(task: Task) -> pl.DataFrame:
 
 
 def _simulated(scenarios: Mapping[str, Scenario], task: Task) -> Iterator[pl.DataFrame]:
-    """Yield the rows of the scenarios, by key, that share floor, sensor and end, the longest runs first."""
+    """Yield the rows of the scenarios, by key, that share floor and sensor."""
     runs = range(task.first, task.last)
     by_readings: dict[str, dict[str, Scenario]] = {}
-    for key, scenario in sorted(scenarios.items(), key=lambda item: -item[1].run.t_end_s):
+    for key, scenario in scenarios.items():
         check_scenario(scenario)
         by_readings.setdefault(_key(scenario, OF_OBSERVATION), {})[key] = scenario
     first = next(iter(next(iter(by_readings.values())).values()))
@@ -167,12 +163,8 @@ def _simulated(scenarios: Mapping[str, Scenario], task: Task) -> Iterator[pl.Dat
         motion = by_decisions(first, task.seed, runs, floors, task.motion, moves)
     else:
         motion = moved(task.motion, first, task.seed, runs, moves)
-    end_s, shared = first.run.t_end_s, _SharedMotion(first, motion, task.seed, runs)
-    for group in by_readings.values():
-        one = next(iter(group.values()))
-        if one.run.t_end_s != end_s:
-            end_s, shared = one.run.t_end_s, _SharedMotion(one, beginning(motion, one), task.seed, runs)
-        yield shared.rows(group)
+    shared = _SharedMotion(first, motion, task.seed, runs)
+    yield from map(shared.rows, by_readings.values())
 
 
 class _SharedMotion:
@@ -290,54 +282,3 @@ class _SharedMotion:
                 place = frame["run"].to_numpy().astype(np.int64) - self.runs.start
                 values[place] = frame[name].cast(pl.Float64).to_numpy()
         return values
-
-
-def beginning(motion: Motion, scenario: Scenario) -> Motion:
-    """Cut a motion to the shorter runs of a scenario that moves in the same way.
-
-    A sample taken, or a stop begun, exactly at the end of the shorter runs is not part of them. The table of ends gets
-    new values. Its ``stop_start_s`` is the start of the stop in which a robot is at the end, or null if it is in none.
-    It is in a stop if it sampled in the last control period, since it walks on only in the next one, or if the stop for
-    its next sample has begun. Positions at the end are null, since they cannot be known from the samples. Moves and
-    failures are not cut off, since nothing uses those after the end.
-
-    Args:
-        motion: of the longer runs. scenario: with the shorter runs.
-    """
-    # A tick is the moment at which a control period begins. Runs end at the first tick at or after ``run.t_end_s``.
-    tick_s, end_s = scenario.tick_s, scenario.ticks * scenario.run.control_period_ms / 1000.0
-    # Times are whole ticks up to rounding errors. So that these errors do not matter, the limits are not ticks: one is
-    # a quarter of a tick before the end, the other a quarter of a tick before the last tick that precedes the end.
-    before_end_s, before_last_tick_s = end_s - tick_s / 4, end_s - 1.25 * tick_s
-    samples, ends = motion.samples, motion.ends
-    time_s, stop_s = samples["time_s"].to_numpy(), samples["stop_start_s"].to_numpy()
-    end_row = _end_rows_of(ends, samples, scenario.swarm.robots)
-    is_before = time_s < before_end_s
-    # Per robot (row of ``ends``): start of the stop for its sample in the last control period; nan if there is none.
-    last_stop = np.full(ends.height, np.nan)
-    in_last_tick = is_before & (time_s > before_last_tick_s)
-    last_stop[end_row[in_last_tick]] = stop_s[in_last_tick]
-    # Per robot: start of the stop for its first sample after the end; nan if there is none. Samples are assigned from
-    # the last one to the first, so that the first one of each robot is what remains.
-    next_stop = np.full(ends.height, np.nan)
-    after_end = np.flatnonzero(~is_before)[::-1]
-    next_stop[end_row[after_end]] = stop_s[after_end]
-    # A robot without a later sample may have begun a stop that lasts to the end of the longer motion.
-    next_stop = np.where(np.isnan(next_stop), ends["stop_start_s"].to_numpy(), next_stop)
-    begun = np.where(next_stop < before_end_s, next_stop, np.nan)  # only stops that begin before the end
-    standing = pl.Series("stop_start_s", np.where(np.isnan(last_stop), begun, last_stop), nan_to_null=True)
-    unknown = {name: pl.lit(None, dtype=pl.Float64) for name in ("x_m", "y_m", "heading_rad")}
-    ends = ends.with_columns(standing, end_s=pl.lit(end_s), **unknown)
-    return Motion(
-        samples=samples.filter(pl.Series(is_before)),
-        ends=ends.select(list(ENDS)),
-        moves=motion.moves,
-        failures=motion.failures,
-    )
-
-
-def _end_rows_of(ends: pl.DataFrame, samples: pl.DataFrame, robots: int) -> NDArray[np.int64]:
-    """Return for each sample the row of its run and robot in the table of ends, (samples,)."""
-    runs = ends["run"].to_numpy()[::robots]  # the table has a row for each run and robot, in this order
-    run = np.searchsorted(runs, samples["run"].to_numpy())  # position of each sample's run in ``runs``
-    return np.asarray(run * robots + samples["robot"].to_numpy(), dtype=np.int64)
