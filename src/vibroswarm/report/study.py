@@ -58,7 +58,7 @@ def of_study(outcome: Outcome, scores: CellScores | None = None) -> Report:
         **dict(pictures(outcome)),
         **dict(_folded_tables(outcome)),
     }
-    each = counts((one.summary.runs for one in outcome.cells), "run")
+    each = counts((one.runs for one in outcome.cells), "run")
     each_cell = " each" if len(outcome.cells) > 1 else ""
     return Report(
         title=runs.name or _title(outcome),
@@ -107,7 +107,7 @@ def _figures(outcome: Outcome) -> list[str]:
     """Return the figures of the cells that have values, the most important first."""
     scenarios = [one.cell.scenario for one in outcome.cells]
     asks_numbers = [scenario.task.asks_number for scenario in scenarios]
-    lacks_truth = any(one.summary.swarm_right.n < one.summary.runs for one in outcome.cells)
+    lacks_truth = any(one.figures["swarm_right"].n < one.runs for one in outcome.cells)
     names = [
         *(() if all(asks_numbers) else (*OUTCOMES, *DECISIONS)),
         *((*AGREED, "agreement_lasted") if lacks_truth and not all(asks_numbers) else ()),
@@ -122,7 +122,7 @@ def _figures(outcome: Outcome) -> list[str]:
 def _outcome_tables(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Table]]:
     """Yield figures of the cells, side by side if they are few, and differences of pairs."""
     few, one_pair = len(outcome.cells) <= FEW_CELLS, len(outcome.answers) == 1
-    ends = {stated(one.summary.t_end_s) for one in outcome.cells}
+    ends = {stated(one.t_end_s) for one in outcome.cells}
     whole = f"{ends.pop()} s" if len(ends) == 1 else "the whole run"
     caption = "Means over runs with 95 % intervals."
     if "decision_time_s" in names:

@@ -3,8 +3,8 @@
 | module | covers |
 |---|---|
 | ``verdict`` | one run, in numbers and in sentences; whether a posterior is an estimate or an opinion |
-| ``figures`` | all figures, each declared once; one row of them per run |
-| ``cell_summary``, ``incidence`` | one cell: all figures with intervals, decisions over time |
+| ``figures`` | all figures, each declared once: of runs, and of a cell with intervals |
+| ``incidence`` | one cell: decisions over time |
 | ``paired`` | two cells, run by run |
 | ``detection`` | many cells: how many robots for how long |
 | ``sampling`` | how a swarm samples |

@@ -94,29 +94,21 @@ class Swarms:
         t_end_s: ArrayLike,
         costs: Array | None = None,
     ) -> None:
-        self.robots, self.runs, self.first, self.costs = robots, runs, first, costs
+        self.robots, self.first, self.costs = robots, first, costs
+        self.runs = dict.fromkeys(FOLLOWED, np.full(first.size, np.nan)) | {**runs}
         self.count: NDArray[np.int64] = np.diff(np.append(first, robots["decision"].size)).astype(np.int64)
         self.t_end_s = np.broadcast_to(np.asarray(t_end_s, dtype=np.float64), first.shape)
 
     @classmethod
     def of_tables(
-        cls,
-        robots: pl.DataFrame,
-        runs: pl.DataFrame,
-        t_end_s: float,
-        agreements: pl.DataFrame | None = None,
-        costs: Array | None = None,
+        cls, robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, costs: Array | None = None
     ) -> Swarms:
         """Read the tables of one cell, as a ``Result`` has them, in any order of rows.
 
-        Args:
-            t_end_s: end of a run, s. agreements: ``answers_over_time.AGREEMENTS``; None: decisions are final.
-            costs: of the cell's scenario, ``outcomes.costs_of``.
         Raises:
             InputError: the tables have different runs, or a run occurs twice.
         """
-        robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
-        runs = runs.sort("run")
+        robots, runs = robots.sort("run", "robot"), runs.sort("run")
         number = robots["run"].to_numpy()
         # A run starts at row 0, if the table has rows, and wherever the run number changes.
         first = np.flatnonzero(np.append(number.size > 0, number[1:] != number[:-1]))
@@ -124,30 +116,10 @@ class Swarms:
             raise InputError(
                 "the tables of robots and of runs must have the same runs, once each", field="runs"
             )
-        if agreements is not None:
-            runs = runs.join(agreements, on="run", how="left", maintain_order="left")
-        return cls.of_sorted(robots, runs, first, t_end_s, costs)
-
-    @classmethod
-    def of_sorted(
-        cls,
-        robots: pl.DataFrame,
-        runs: pl.DataFrame,
-        first: NDArray[np.intp],
-        t_end_s: ArrayLike,
-        costs: Array | None = None,
-    ) -> Swarms:
-        """Read tables with the same order of runs, possibly of several cells.
-
-        Args:
-            runs: with those columns of agreements and maps that are known. first, t_end_s, costs: as of the class.
-        """
         # Figures compare the integer codes of the categories. The cast gives a column of plain strings these codes too.
-        of_runs = _TableColumns(runs.with_columns(pl.col("consensus").cast(RUNS["consensus"]).to_physical()))
-        for name, column in FOLLOWED.items():
-            known = column in runs.columns
-            of_runs[name] = numbers(runs[column]) if known else np.full(first.size, np.nan)
-        return cls(_TableColumns(robots), of_runs, first, t_end_s, costs)
+        runs = runs.with_columns(pl.col("consensus").cast(RUNS["consensus"]).to_physical())
+        of_robots, of_runs = ({one.name: numbers(one) for one in table} for table in (robots, runs))
+        return cls(of_robots, of_runs, first, t_end_s, costs)
 
     @classmethod
     def of_arrays(
@@ -166,8 +138,7 @@ class Swarms:
         of_cells = stacked(costs)
         return cls(
             {name: column.ravel() for name, column in robots.items()},
-            {name: np.broadcast_to(column, shape[:-1]).ravel() for name, column in runs.items()}
-            | {name: np.full(math.prod(shape[:-1]), np.nan) for name in FOLLOWED},
+            {name: np.broadcast_to(column, shape[:-1]).ravel() for name, column in runs.items()},
             np.arange(0, math.prod(shape), shape[-1]),
             end_s.ravel(),
             None if of_cells is None else np.repeat(of_cells, shape[-2], axis=0),
@@ -226,18 +197,6 @@ def stacked(costs: Sequence[Array | None]) -> Array | None:
     for table, one in zip(of_cells, tables, strict=True):
         table[: len(one), : len(one)] = one
     return of_cells
-
-
-class _TableColumns(dict[str, Array]):
-    """Columns of a table as arrays of floats, each made when it is first asked for; nan where a value is missing."""
-
-    def __init__(self, table: pl.DataFrame) -> None:
-        super().__init__()
-        self._table = table
-
-    def __missing__(self, name: str) -> Array:
-        self[name] = numbers(self._table[name])
-        return self[name]
 
 
 @dataclass(frozen=True)
@@ -558,69 +517,63 @@ def figures_of(swarms: Swarms) -> dict[str, Array]:
 
 
 def run_figures(
-    robots: pl.DataFrame,
-    runs: pl.DataFrame,
-    t_end_s: float,
-    agreements: pl.DataFrame | None = None,
-    costs: Array | None = None,
+    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, costs: Array | None = None
 ) -> pl.DataFrame:
     """Compute one row of figures for each run, sorted by run.
 
     Args:
         robots, runs: tables of one cell, as a ``Result`` has them; the same runs in both. t_end_s: end of a run, s.
-        agreements: ``statistics.answers_over_time.AGREEMENTS``; None: decisions are final.
         costs: of the cell's scenario, ``outcomes.costs_of``; None: two answers, mistakes that cost the same.
     Returns: run, truth, consensus, numbers of robots, and a column for each figure; null where a run does not have it.
     Raises:
         InputError: the tables have different runs, or a run occurs twice.
     """
-    swarms = Swarms.of_tables(robots, runs, t_end_s, agreements, costs)
-    return figures_table(swarms, runs.sort("run").select("run", "truth", "consensus"))
-
-
-def figures_table(swarms: Swarms, runs: pl.DataFrame) -> pl.DataFrame:
-    """Return the table of ``run_figures``; its first columns are those of ``runs``, with a row for each run."""
+    swarms = Swarms.of_tables(robots, runs, t_end_s, costs)
     columns = [pl.Series(name, values, nan_to_null=True) for name, values in figures_of(swarms).items()]
-    # Numbers of robots are floats so far, with nan (then null) in runs without a truth.
-    whole = {*swarms.counts, STATED}
-    typed = [column.cast(pl.Int64) if column.name in whole else column for column in columns]
-    return runs.with_columns(typed)
+    return runs.sort("run").select("run", "truth", "consensus").with_columns(columns)
 
 
-def columns_of(table: pl.DataFrame) -> dict[str, Array]:
-    """Return the figures of a table of ``run_figures`` as arrays, (runs,) each; nan where a run does not have one.
-
-    Each is made when it is first asked for.
-    """
-    return _TableColumns(table)
+ByRun = Mapping[str, NDArray[Any]] | pl.DataFrame
+"""Columns of ``figures_of``, (runs,) each, nan or null where a run does not have a figure."""
 
 
-def interval(
-    name: str,
-    by_run: Mapping[str, NDArray[Any]],
+def summary(
+    robots: pl.DataFrame,
+    runs: pl.DataFrame,
+    t_end_s: float,
     level: float = 0.95,
-    t_end_s: float = math.nan,
-) -> Interval:
+    *,
+    costs: Array | None = None,
+) -> dict[str, Interval]:
+    """Compute all figures of a cell, by name; the arguments are those of ``run_figures`` and ``interval``."""
+    return cell_figures(run_figures(robots, runs, t_end_s, costs), t_end_s, level)
+
+
+def cell_figures(by_run: ByRun, t_end_s: float, level: float = 0.95) -> dict[str, Interval]:
+    """Compute all figures of a cell from those of its runs, by name, in the order of ``FIGURES``."""
+    return {figure.name: interval(figure.name, by_run, level, t_end_s) for figure in FIGURES}
+
+
+def interval(name: str, by_run: ByRun, level: float = 0.95, t_end_s: float = math.nan) -> Interval:
     """Compute a figure of a cell, with its limits, from the figures of its runs.
 
     Args:
-        name: of the figure. by_run: columns of ``figures_of``, (runs,) each, nan where a run does not have a figure.
-        level: confidence level. t_end_s: the end of a run, s, which rates of events and
-            limits of times need.
+        t_end_s: the end of a run, s, which rates of events and limits of times need.
     """
     figure = BY_NAME[name]
+    columns = [numbers(pl.Series(by_run[column])) for column in figure.read]
     if figure.kind == "robots":
-        count, of = (by_run[column] for column in figure.counted)
+        count, of = columns
         known = ~np.isnan(count)
         return cluster_share(count[known], of[known], level)
-    values = by_run[figure.by_run]
+    values = columns[0]
     if figure.kind == "mean":
         return figure.mean(values, level, t_end_s)
     if figure.kind == "rate":
         return rate_interval(values, 3600.0 / t_end_s, level)
     known = ~np.isnan(values)
     if figure.kind == "share":
-        robots = by_run[STATED]  # only these have an interval that may hold the number
+        robots = columns[1]  # only these have an interval that may hold the number
         return cluster_share(np.rint(values * robots)[known], robots[known], level)
     if figure.kind == "median":
         return quantile_interval(np.where(known, values, math.inf), 0.5, level)

@@ -214,9 +214,7 @@ class _SharedMotion:
         )
         robots = robot_columns(robots, truth)
         swarms = Swarms.of_arrays(robots, of_runs, t_end_s, [costs_of(one) for one in scenarios])
-        swarms.runs = {**swarms.runs} | {
-            name: np.concatenate([one[name] for one in followed]) for name in FOLLOWED
-        }
+        swarms.runs |= {name: np.concatenate([one[name] for one in followed]) for name in FOLLOWED}
         figures = figures_of(swarms)
         tiles = floors[runs[0]].tiles.size  # the same in all runs
         walk = pl.DataFrame(dict(self.walk.figures(readings.tile, readings.observation, tiles)))

@@ -31,7 +31,7 @@ from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, numbers
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
 from vibroswarm.simulation import simulate
-from vibroswarm.statistics.figures import BY_NAME, FIGURES, columns_of, interval
+from vibroswarm.statistics.figures import BY_NAME, FIGURES, interval
 from vibroswarm.study.batch import OF_ROBOTS, WALK, motion_key, samples_of_run
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.precision import Precision, Settled
@@ -138,7 +138,7 @@ class Runs(NotebookView):
         assert self.until is not None
         figure, t_end_s = BY_NAME[self.until.figure], cell.scenario.run.t_end_s
         rows = self.rows(*figure.read, cells=[cell], runs=runs)
-        return self.until.reached(interval(figure.name, columns_of(rows), level, t_end_s=t_end_s), t_end_s)
+        return self.until.reached(interval(figure.name, rows, level, t_end_s=t_end_s), t_end_s)
 
     def rows(
         self, *columns: str | pl.Expr, cells: Sequence[Cell] | None = None, runs: int | None = None

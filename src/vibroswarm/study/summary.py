@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -17,11 +17,9 @@ import polars as pl
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import numbers
-from vibroswarm.statistics.cell_summary import CellSummary, summaries_of
 from vibroswarm.statistics.decidability import Decidability, decidability
-from vibroswarm.statistics.figures import columns_of, interval
-from vibroswarm.statistics.intervals import columns_of as interval_columns
-from vibroswarm.statistics.intervals import mean_interval, within
+from vibroswarm.statistics.figures import cell_figures, interval
+from vibroswarm.statistics.intervals import Interval, columns_of, mean_interval, within
 from vibroswarm.statistics.robot_knowledge import counted, gate_unreached
 from vibroswarm.study.batch import WALK
 from vibroswarm.study.cells import Cell
@@ -35,7 +33,12 @@ class CellOutcome:
     """The figures of a cell; times in s, lengths in m."""
 
     cell: Cell
-    summary: CellSummary
+    runs: int
+    robots: int
+    """Robots in all runs."""
+    t_end_s: float
+    figures: dict[str, Interval]
+    """By name, in the order of ``figures.FIGURES``."""
     walk: dict[str, Any]
     """Means of the columns ``WALK`` over runs, with ``_low`` and ``_high``; None for a value that is not finite."""
     decidable: Decidability
@@ -71,9 +74,11 @@ class Outcome(NotebookView):
         """
         rows = []
         for one in self.cells:
-            row = {**one.summary.as_row(), **one.walk}
             failed = {"failed_runs": one.failed.height} if self.has_failed_runs else {}
-            rows.append({"runs": row.pop("runs"), **failed, **row})
+            row = {"runs": one.runs, **failed, "robots": one.robots, "t_end_s": one.t_end_s, "level": 0.95}
+            for name, found in one.figures.items():
+                row |= columns_of(name, found)
+            rows.append(row | one.walk)
         # A figure that no cell has is a column of numbers too, so that tables of several studies can be joined.
         figures = pl.DataFrame(rows, infer_schema_length=None).with_columns(pl.col(pl.Null).cast(pl.Float64))
         return self.runs.cell_table.drop("scenario_hash", "wanted", "there").hstack(figures)
@@ -105,8 +110,8 @@ class Outcome(NotebookView):
             row = {"cell": number, "name": cell.name, "report": report, "index": index}
             row |= {"unit": declared.unit if declared else "", "runs": own["value"].drop_nulls().len()}
             value, error = (mean_interval(own[name].drop_nulls().to_numpy()) for name in ("value", "error"))
-            row |= interval_columns("value", value[:3])
-            row |= interval_columns("error", within(error, 0.0, math.inf)[:3])
+            row |= columns_of("value", value[:3])
+            row |= columns_of("error", within(error, 0.0, math.inf)[:3])
             rows.append(row)
         floats = ("value", "value_low", "value_high", "error", "error_low", "error_high")
         kinds = {"cell": pl.UInt32, "index": pl.UInt32, **dict.fromkeys(floats, pl.Float64)}
@@ -137,32 +142,29 @@ def outcome_of(runs: Runs, reference: str | None = None, *, compare: bool = True
 
 def _outcomes(runs: Runs, cells: Sequence[Cell], rows: pl.DataFrame) -> Iterator[CellOutcome]:
     """Summarise cells, whose rows are sorted by cell and run."""
-    tables = {int(number): table for (number,), table in rows.partition_by("cell", as_dict=True).items()}
-    sizes = [tables[cell.number].height for cell in cells]
-    ends_s = [cell.scenario.run.t_end_s for cell in cells]
-    table = pl.concat([tables[cell.number] for cell in cells])
-    for cell, summary in zip(cells, summaries_of(table, sizes, ends_s), strict=True):
-        own, settled = tables[cell.number], runs.settled(cell)
+    tables = rows.partition_by("cell", as_dict=True)
+    for cell in cells:
+        own, t_end_s, settled = tables[cell.number,], cell.scenario.run.t_end_s, runs.settled(cell)
+        figures = cell_figures(own, t_end_s)
         if settled is not None and runs.until is not None:  # the level allows for repeated looks
-            corrected = interval(runs.until.figure, columns_of(own), settled.level, t_end_s=summary.t_end_s)
-            summary = replace(summary, figures={**summary.figures, runs.until.figure: corrected})
+            name = runs.until.figure
+            figures[name] = interval(name, own, settled.level, t_end_s)
+        unreached = ""
+        if (own["undecided"] == own["robots"]).all():
+            most = runs.tables(cell)[0].select(counted(cell.scenario.decision.gate)).item()
+            unreached = gate_unreached(cell.scenario, most)
         yield CellOutcome(
             cell=cell,
-            summary=summary,
+            runs=own.height,
+            robots=int(own["robots"].sum()),
+            t_end_s=t_end_s,
+            figures=figures,
             walk=_walk(own),
             decidable=decidability(cell.scenario),
             failed=own.drop_nulls("failed_s").select("run", time_s="failed_s", reason="failed"),
             settled=settled,
-            unreached=_unreached(runs, cell, own),
+            unreached=unreached,
         )
-
-
-def _unreached(runs: Runs, cell: Cell, own: pl.DataFrame) -> str:
-    """Return why no robot of a cell was allowed to decide; empty if one was."""
-    if (own["undecided"] < own["robots"]).any():
-        return ""
-    most = runs.tables(cell)[0].select(counted(cell.scenario.decision.gate)).item()
-    return gate_unreached(cell.scenario, most)
 
 
 def _walk(of_runs: pl.DataFrame) -> dict[str, Any]:
@@ -172,5 +174,5 @@ def _walk(of_runs: pl.DataFrame) -> dict[str, Any]:
         values = numbers(of_runs[name])
         # It is infinite in a run in which all tiles were sampled equally often.
         known = values[np.isfinite(values)] if name == "effective_samples" else values
-        columns |= interval_columns(name, mean_interval(known))
+        columns |= columns_of(name, mean_interval(known))
     return columns
