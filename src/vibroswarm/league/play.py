@@ -15,7 +15,6 @@ from typing import Any, Unpack
 import polars as pl
 
 from vibroswarm.errors import InputError
-from vibroswarm.league.beliefs import belief_table
 from vibroswarm.league.entries import (
     FILLS,
     PATTERNS,
@@ -31,9 +30,9 @@ from vibroswarm.league.entries import (
     varied_by,
 )
 from vibroswarm.league.fronts import front_table
-from vibroswarm.league.standings import cell_table, difference_table, standing_table, units_of
+from vibroswarm.league.standings import belief_table, cell_table, difference_table, standing_table, units_of
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.study.factors import LABEL
+from vibroswarm.study.cells import LABEL
 from vibroswarm.study.options import ScenarioOptions, chosen, scenario_of, several
 from vibroswarm.study.runs import Runs
 from vibroswarm.study.spec import Study

@@ -2,7 +2,7 @@
 
 A floor is *missed* in a run without a right consensus. A *false alarm* is a wrong consensus on "more" on a floor below
 the boundary. A floor above the boundary is *found* at a time when its misses and the false alarms on some floor below
-are both rare enough (``statistics.detection``).
+are both rare enough (``study.detection``).
 """
 
 from __future__ import annotations

@@ -29,12 +29,12 @@ from vibroswarm.statistics.decidability import decidability
 from vibroswarm.statistics.figures import run_figures
 from vibroswarm.statistics.map_figures import floor_maps, keeps_floor_map
 from vibroswarm.statistics.reports_over_time import report_headings, reports_over_time
-from vibroswarm.statistics.robot_knowledge import counted, gate_unreached
 from vibroswarm.statistics.sampling import blocked_words
 from vibroswarm.statistics.verdict import (
     Verdict,
     answers_of,
     decision_words,
+    gate_unreached,
     has_own_estimate,
     holds_opinions,
     mean_over_time,
@@ -255,9 +255,7 @@ def _warnings(result: Result, swarm: Verdict, run: int) -> Iterator[str]:
     if blocked := blocked_words(robots["blocked_share"].mean()):  # type: ignore[arg-type]
         yield blocked
     if result.seed is not None and swarm.undecided == len(swarm.robots):
-        most = robots.select(counted(result.scenario.decision.gate)).item()
-        if unreached := gate_unreached(result.scenario, most):
-            yield unreached
+        yield from filter(None, [gate_unreached(result.scenario, robots)])
     if result.scenario.change.is_given and swarm.consensus == "right":
         right = answers_in(result).filter(run=run)["right_at_decision"].item()
         if right is not None and right < 1.0:

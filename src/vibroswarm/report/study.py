@@ -21,8 +21,8 @@ from vibroswarm.statistics.map_figures import MAPPED
 from vibroswarm.statistics.sampling import blocked_words
 from vibroswarm.statistics.verdict import answers_of
 from vibroswarm.study.batch import WALK
+from vibroswarm.study.cells import LABEL
 from vibroswarm.study.comparison import Compared
-from vibroswarm.study.factors import LABEL
 from vibroswarm.study.options import warnings_of
 from vibroswarm.study.runs import Runs
 from vibroswarm.study.summary import Outcome, outcome_of

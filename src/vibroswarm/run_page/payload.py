@@ -26,7 +26,6 @@ from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.map_figures import keeps_floor_map, maps_over_time
-from vibroswarm.statistics.robot_knowledge import true_places_notes
 from vibroswarm.statistics.verdict import (
     Verdict,
     estimates_in_words,
@@ -117,7 +116,11 @@ def payload(result: Result, run: int = 0, *, title: str = "") -> dict[str, Any]:
             "ones": float(expected_ones_on(scenario.sensor, at_end, size_m)) if moved else fill_ratio,
             "decision": summary["truth"],
         },
-        "notes": list(true_places_notes([scenario])),
+        "notes": [
+            f"{scenario.strategy.name} with true places: an upper bound, as real robots must estimate theirs."
+        ]
+        if scenario.reads_true_places
+        else [],
         "outcome": {"consensus": summary["consensus"], "time_s": summary["consensus_time_s"]},
         "estimates": None if found is None else _estimates(found),
         "robots": result.robots.filter(run=run).select(ROBOT_COLUMNS).sort("robot").to_dicts(),

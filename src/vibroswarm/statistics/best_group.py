@@ -1,7 +1,4 @@
-"""Name the best of several contestants together with all that cannot be told apart from it.
-
-The best of several estimates is partly lucky: of contestants that are all alike, one is in front by chance. So no
-single winner is named. A contestant is left out of the best group only if another one is significantly better.
+"""Name the best of several contestants with all that cannot be told apart from it, as the best is partly lucky.
 
 | name | symbol | equation |
 |---|---|---|
@@ -27,7 +24,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, stdtrit
 
 from vibroswarm.inference.outcomes import Array
@@ -93,3 +90,20 @@ def _margins(difference: Array, drawn: Array, units: int) -> Array:
         tail = min(tail, (1.0 - LEVEL) / (2 * pairs))
     critical = -stdtrit(units - 1, tail) * math.sqrt(units / (units - 1))
     return np.asarray(critical * error)
+
+
+def pareto_front(*figures: ArrayLike) -> NDArray[np.bool_]:
+    """Return which points are on the Pareto front, (points,).
+
+    Args:
+        figures: one or more figures of the points, (points,) each; less is better. A point with a figure of nan is not
+            on the front.
+    """
+    rows = np.column_stack([np.asarray(figure, dtype=np.float64) for figure in figures])
+    front = np.zeros(len(rows), dtype=np.bool_)
+    # By the first figure, at equal ones by the second and so on: no point is dominated by a later one only.
+    for k in np.lexsort(rows.T[::-1]):
+        best, own = rows[front], rows[k]
+        dominates = (best <= own).all(axis=1) & (best < own).any(axis=1)
+        front[k] = not (dominates.any() or np.isnan(own).any())
+    return front

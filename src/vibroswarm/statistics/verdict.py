@@ -1,15 +1,11 @@
-"""Summarise one run, in numbers and in sentences: the swarm's outcome, its time, and the belief of each robot.
+"""Summarise one run in numbers: the swarm's outcome, its time, and the belief of each robot.
 
 | name | symbol | equation |
 |---|---|---|
 | belief | p | the robot's probability that the share of ones is below the boundary: belief in decision 0 |
 | confidence at decision time | - | p for decision 0, 1 - p for decision 1, at the time of the decision |
-| estimate | f | alpha / (alpha + beta), posterior mean at the end |
+| estimate | f | alpha / (alpha + beta), posterior mean at the end; under feedback an opinion, not an estimate |
 | interval | - | 2.5 % and 97.5 % quantiles of Beta(alpha, beta) |
-
-Without feedback robots count only readings (0 or 1), so that alpha / (alpha + beta) estimates the share of ones. Under
-feedback robots also count the conclusions of others as if they were readings. The posterior then departs from the
-readings: it is an opinion, not an estimate.
 """
 
 from __future__ import annotations
@@ -24,10 +20,12 @@ from vibroswarm import strategies
 from vibroswarm.core.numbers import number, span, stated_percent
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
+from vibroswarm.observation.decision_boundary import expected_ones_on, grid_of, readings_boundary
+from vibroswarm.observation.energy_model import claims_differ
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.figures import ESTIMATES, run_figures
+from vibroswarm.strategies.static_analysis import fields_read, told
 
 
 @dataclass(frozen=True)
@@ -277,4 +275,37 @@ def holds_opinions(scenario: Scenario) -> bool:
     # The first two have feedback whatever their parameters.
     return name in ("positive", "soft") or (
         name == "bayes_bots" and bool(scenario.strategy.params.positive_feedback)
+    )
+
+
+def has_wrong_rates(scenario: Scenario) -> bool:
+    """Return whether robots go by error rates of their sensor that are not its true ones."""
+    uses_rates = "error rates" in told(scenario.strategy.entry, scenario.decision.boundary_of)
+    return uses_rates and claims_differ(scenario.sensor, grid_of(scenario))
+
+
+COUNTED: Final = {
+    "total": ("observations, own and received", ("samples", "messages_received")),
+    "own": ("own samples", ("samples",)),
+    "received": ("received bits", ("messages_received",)),
+}
+"""What a gate (``decision.gate``) counts, in words, and by columns of the table of robots."""
+
+
+def gate_unreached(scenario: Scenario, robots: pl.DataFrame) -> str:
+    """Return a sentence if no robot had enough observations to decide; empty if one had, or if there is no such gate.
+
+    Args:
+        robots: of the table of robots, at the end.
+    """
+    rule = scenario.decision
+    if scenario.task.asks_number or "min_observations" not in fields_read(scenario.strategy.entry):
+        return ""
+    words, columns = COUNTED[rule.gate]
+    most = robots.select(pl.sum_horizontal(columns).max()).item()
+    if most is None or most > rule.min_observations:
+        return ""
+    return (
+        f"No robot was allowed to decide: that takes more than {rule.min_observations} {words} "
+        f"(decision.min_observations); the most that one had is {most}."
     )

@@ -23,8 +23,7 @@ import polars as pl
 from vibroswarm.errors import check_choice
 from vibroswarm.statistics.figures import BY_COLUMN
 from vibroswarm.statistics.paired import COMPARED, ESTIMATED, Paired, compare, holm
-from vibroswarm.study.cells import Cell
-from vibroswarm.study.factors import LABEL
+from vibroswarm.study.cells import LABEL, Cell
 from vibroswarm.study.runs import Runs
 from vibroswarm.study.spec import SOURCE
 

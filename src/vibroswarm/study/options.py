@@ -26,7 +26,7 @@ from vibroswarm.scenario.scenario import (
     preset,
 )
 from vibroswarm.strategies.place_map import WITH_MAP
-from vibroswarm.study.factors import LABEL
+from vibroswarm.study.cells import LABEL
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.spec import Study, with_fields
 

@@ -33,11 +33,11 @@ from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fields import rows_as_text
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.study.cells import Cell
-from vibroswarm.study.factors import (
+from vibroswarm.study.cells import (
     BLOCKS,
     LABEL,
     PRESET,
+    Cell,
     Point,
     fields_in,
     names_of,

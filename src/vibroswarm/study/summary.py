@@ -20,7 +20,7 @@ from vibroswarm.inference.outcomes import numbers
 from vibroswarm.statistics.decidability import Decidability, decidability
 from vibroswarm.statistics.figures import cell_figures, interval
 from vibroswarm.statistics.intervals import Interval, columns_of, mean_interval, within
-from vibroswarm.statistics.robot_knowledge import counted, gate_unreached
+from vibroswarm.statistics.verdict import gate_unreached
 from vibroswarm.study.batch import WALK
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.comparison import Answer, Compared, answers_of, comparison_table, comparisons
@@ -48,7 +48,7 @@ class CellOutcome:
     settled: Settled | None = None
     """How far the cell is at its last look; None if no precision is wanted, or before the first look."""
     unreached: str = ""
-    """Why no robot was allowed to decide (``statistics.robot_knowledge``); empty if one was."""
+    """Why no robot was allowed to decide (``statistics.verdict``); empty if one was."""
 
 
 @dataclass(frozen=True)
@@ -151,8 +151,7 @@ def _outcomes(runs: Runs, cells: Sequence[Cell], rows: pl.DataFrame) -> Iterator
             figures[name] = interval(name, own, settled.level, t_end_s)
         unreached = ""
         if (own["undecided"] == own["robots"]).all():
-            most = runs.tables(cell)[0].select(counted(cell.scenario.decision.gate)).item()
-            unreached = gate_unreached(cell.scenario, most)
+            unreached = gate_unreached(cell.scenario, runs.tables(cell)[0])
         yield CellOutcome(
             cell=cell,
             runs=own.height,
