@@ -28,8 +28,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, bdtrc, gammaincinv, ndtri, stdtr, stdtrit
 
-from vibroswarm.errors import InputError, shown
-
 FEW: Final = 10
 """Values of a mean that differ from the usual one are rare if they are fewer than this; so are runs with a share other
 than 0, or other than 1."""
@@ -137,18 +135,6 @@ def draw_limits(draws: Values, n: int, level: float) -> tuple[float, float]:
 def generator(seed: int, purpose: str) -> np.random.Generator:
     """Create the random generator for a seed and a purpose, independent of all others."""
     return np.random.Generator(np.random.Philox(key=[seed % 2**64, zlib.crc32(purpose.encode())]))
-
-
-def check_level(level: float) -> None:
-    """Check that a level of confidence is between 0 and 1.
-
-    Raises:
-        InputError: it is not.
-    """
-    if not (isinstance(level, float | np.floating) and 0.0 < level < 1.0):
-        raise InputError(
-            f"{shown(level)} is not a level of confidence; give a share such as 0.95", field="level"
-        )
 
 
 def wilson_limits(successes: ArrayLike, n: ArrayLike, level: float = 0.95) -> tuple[Values, Values]:

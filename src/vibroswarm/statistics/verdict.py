@@ -20,7 +20,7 @@ from vibroswarm import strategies
 from vibroswarm.core.numbers import number, span, stated_percent
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.decision_boundary import expected_ones_on, grid_of, readings_boundary
+from vibroswarm.observation.decision_boundary import grid_of, readings_boundary
 from vibroswarm.observation.energy_model import claims_differ
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -87,10 +87,6 @@ class Verdict:
     """End of the run."""
     readings_boundary: float
     """The share of ones with which robots compare their readings (``observation.decision_boundary``)."""
-    share_of_ones_expected: float
-    """Probability that a sample at a uniformly random place in the arena reads as vibrating, with the sensor's errors
-    and what vibration does across tile edges."""
-    share_of_ones_read: float | None
     robots: tuple[RobotVerdict, ...]
     estimated: str = ""
     """The number that the task asks for, in words; empty if it asks for a decision."""
@@ -126,9 +122,6 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
     decisions = {robot.decision for robot in robots}
     is_agreed = len(decisions) == 1 and not decisions & {-1, None}
     fill = summary["fill_ratio"]
-    arena = result.scenario.arena
-    size = (arena.width_m, arena.height_m)
-    bits = result.observations.filter(of_run)["observation"]
     return Verdict(
         consensus=summary["consensus"],
         consensus_time_s=summary["consensus_time_s"],
@@ -142,12 +135,6 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         undecided=summary["undecided"],
         end_s=summary["end_s"],
         readings_boundary=readings_boundary(result.scenario),
-        share_of_ones_expected=mean_over_time(
-            result.floor(run),
-            summary["end_s"],
-            lambda floor: expected_ones_on(result.scenario.sensor, floor, size),
-        ),
-        share_of_ones_read=float((bits == 1).mean()) if bits.len() else None,  # type: ignore[arg-type]
         robots=robots,
         **_scores(result, run),
     )

@@ -245,8 +245,6 @@ def study_of(
             raise InputError("is not for a study file, which says what is simulated", field=f"--{name}")
         study = Study.read(files[0]) if len(files) == 1 else _side_by_side(files)
         return study if runs is None else study.with_runs(runs)
-    if runs is not None and until is not None:
-        raise InputError("use --runs or --until, not both", field="--until")
     varied = _varied(vary)
     for option in ("strategy", "robots"):
         if len(values := several(scenario.get(option))) > 1:
@@ -256,7 +254,7 @@ def study_of(
     return Study(
         base=_base_beside(varied, scenario),
         vary={"grid": varied} if varied else {},
-        runs=None if precision else RUNS if runs is None else runs,
+        runs=RUNS if runs is None and precision is None else runs,
         until=precision,
         seed=1 if seed is None else seed,
         motion=chosen("motion", motion or "event"),

@@ -17,12 +17,14 @@ from typing import Any, Final, NamedTuple
 
 from vibroswarm.errors import InputError, check_choice, share_from, whole_number_of
 from vibroswarm.statistics import figures
-from vibroswarm.statistics.intervals import Interval, check_level, wilson_limits
+from vibroswarm.statistics.intervals import Interval, wilson_limits
 
 FIRST_LOOK: Final = 100
 """Number of runs at the first look; it doubles from look to look."""
 MOST: Final = 100_000
 """Most runs of a cell unless the study says otherwise."""
+LEVEL: Final = 0.95
+"""Level of all intervals of a cell together."""
 FIGURES: Final = tuple(
     figure.name
     for figure in figures.FIGURES
@@ -34,8 +36,6 @@ FIGURES: Final = tuple(
 class Settled(NamedTuple):
     """How far cells that share motion are at their last look."""
 
-    look: int
-    """The look, counted from 0."""
     runs: int
     """Number of runs at that look."""
     level: float
@@ -51,7 +51,7 @@ class Precision:
     Args:
         half_width: between 0 and 1; relative to the figure for a time and a number of messages, absolute for the
             others (0.02 of a share is two percentage points).
-        figure: one of ``FIGURES``. max_runs: most runs of a cell. level: of all intervals together, between 0 and 1.
+        figure: one of ``FIGURES``. max_runs: most runs of a cell.
     Raises:
         InputError: one of them is wrong.
     """
@@ -59,7 +59,6 @@ class Precision:
     half_width: float
     figure: str = "decision_time_s"
     max_runs: int = MOST
-    level: float = 0.95
 
     def __post_init__(self) -> None:
         if not 0 < self.half_width < 1:
@@ -68,7 +67,6 @@ class Precision:
             )
         check_choice(self.figure, "figure", FIGURES)
         whole_number_of(self.max_runs, "max_runs", low=FIRST_LOOK, high=10**9)
-        check_level(self.level)
 
     @classmethod
     def of(cls, until: Any, **others: Any) -> Precision:
@@ -83,7 +81,6 @@ class Precision:
             "until": f"{100 * self.half_width:.12g}%",
             "figure": self.figure,
             "max_runs": self.max_runs,
-            "level": self.level,
         }
 
     def looks(self) -> Iterator[int]:
@@ -96,7 +93,7 @@ class Precision:
 
     def level_at(self, look: int) -> float:
         """Return the level of the interval at a look, which is counted from 0 here: equation (1) with k = look + 1."""
-        return 1.0 - (1.0 - self.level) * 6.0 / (math.pi * (look + 1)) ** 2
+        return 1.0 - (1.0 - LEVEL) * 6.0 / (math.pi * (look + 1)) ** 2
 
     def reached(self, found: Interval, t_end_s: float) -> bool:
         """Return whether an interval is narrow enough; one of width 0 is not, as it comes from too few data.

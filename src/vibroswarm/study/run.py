@@ -118,6 +118,7 @@ def run(
     progress(StudyProgress(0, 0, kept, looks[0] * len(cells)))
     with pool_for(executor, workers) as pool:
         for look in looks:
+            found = replace(found)  # which has read nothing of the store yet
             tasks = [*_missing(found, look)][shard[0] - 1 :: shard[1]]
             if not is_cached() and tasks:  # kernels are compiled here, and not by every worker
                 simulate_runs(tasks[0]._replace(last=tasks[0].first + 1))
@@ -126,7 +127,7 @@ def run(
             progress(StudyProgress(0, wanted))
             do_all(pool, simulate_runs, tasks, take, is_done=is_done)
             store.refresh()
-    return replace(found)  # which has read nothing of the store yet
+    return replace(found)
 
 
 def opened(
@@ -151,7 +152,8 @@ def _missing(found: Runs, runs: int) -> Iterator[Task]:
     store, code = found.store, versions()["code"]
     for group in groups_of(found.cells):
         scenarios = {found.keys[cell.number]: cell.scenario for cell in group}
-        if found.is_settled(group):
+        settled = found.settled.get(group[0].number)
+        if settled is not None and settled.reached:
             continue
         size = block_size([*scenarios.values()], store.world["motion"], runs)
         files = plugins.texts_of({found.motion, *(code for one in scenarios.values() for code in one.codes)})

@@ -21,13 +21,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError
-from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, numbers
+from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
 from vibroswarm.simulation import simulate
@@ -50,10 +49,6 @@ OF_RUN: Final = pl.exclude("key", "run", "reported", OF_ROBOT)
 YES_OR_NO: Final = tuple(figure.by_run for figure in FIGURES if figure.kind == "runs")
 ROWS_AT_A_TIME: Final = 200_000
 """Most rows of a block of cells, unless a single cell has more."""
-AGAIN_S: Final = 30.0
-"""Longest time for which runs of a cell of a slow source are simulated again for pictures, s."""
-MUJOCO_S: Final = 1.1
-"""Rough processor time to simulate one robot for 1200 s in MuJoCo, s."""
 AGAIN_SAMPLES: Final = 5_000_000
 """Most samples of a cell that are simulated again for pictures, which take about 0.3 kB of memory each."""
 
@@ -98,47 +93,37 @@ class Runs(NotebookView):
         """Return how many runs of a cell, from run 0 on, enter its figures."""
         if self.until is None:
             return self.runs
-        found = self.settled(cell)
+        if cell.number in self.settled:
+            return self.settled[cell.number].runs
         # Before the first look, those that are there without a gap.
-        return (
-            next(iter(self.store.ranges.get(self.keys[cell.number], ())), (0, 0))[1]
-            if found is None
-            else found.runs
-        )
-
-    def settled(self, cell: Cell) -> Settled | None:
-        """Return how far a cell is at its last look; None without a precision, or before the first look."""
-        return (self.whole or self)._settled[cell.number]
+        return next(iter(self.store.ranges.get(self.keys[cell.number], ())), (0, 0))[1]
 
     @cached_property
-    def _settled(self) -> dict[int, Settled | None]:
-        found = [(self._last_look(group), group) for group in groups_of(self.cells)]
-        return {cell.number: look for look, group in found for cell in group}
+    def settled(self) -> dict[int, Settled]:
+        """The last look at each cell, by its number; none without a precision, or before the first look.
 
-    def is_settled(self, group: Sequence[Cell]) -> bool:
-        """Return whether cells that share motion need no more runs for the precision that is wanted."""
-        found = self._last_look(group)
-        return found is not None and (found.reached or found.runs == (self.until and self.until.max_runs))
-
-    def _last_look(self, group: Sequence[Cell]) -> Settled | None:
-        """Return the first look at which the figure is precise enough in all cells, or the last that is there."""
-        found, until = None, self.until
-        if until is None:
-            return None
-        for look, runs in enumerate(until.looks()):
-            if any(self.store.there(self.keys[cell.number], 0, runs) < runs for cell in group):
-                break
-            level = until.level_at(look)
-            found = Settled(look, runs, level, all(self._is_precise(cell, runs, level) for cell in group))
-            if found.reached:
-                break
+        Cells that share motion are looked at together until the figure is precise enough in all of them.
+        """
+        if self.whole is not None:
+            return self.whole.settled
+        if (until := self.until) is None:
+            return {}
+        found = dict[int, Settled]()
+        for group in groups_of(self.cells):
+            for look, runs in enumerate(until.looks()):
+                if any(self.store.there(self.keys[cell.number], 0, runs) < runs for cell in group):
+                    break
+                level = until.level_at(look)
+                last = Settled(runs, level, all(self._is_precise(until, cell, runs, level) for cell in group))
+                found |= {cell.number: last for cell in group}
+                if last.reached:
+                    break
         return found
 
-    def _is_precise(self, cell: Cell, runs: int, level: float) -> bool:
-        assert self.until is not None
-        figure, t_end_s = BY_NAME[self.until.figure], cell.scenario.run.t_end_s
+    def _is_precise(self, until: Precision, cell: Cell, runs: int, level: float) -> bool:
+        figure, t_end_s = BY_NAME[until.figure], cell.scenario.run.t_end_s
         rows = self.rows(*figure.read, cells=[cell], runs=runs)
-        return self.until.reached(interval(figure.name, rows, level, t_end_s=t_end_s), t_end_s)
+        return until.reached(interval(figure.name, rows, level, t_end_s), t_end_s)
 
     def rows(
         self, *columns: str | pl.Expr, cells: Sequence[Cell] | None = None, runs: int | None = None
@@ -222,22 +207,6 @@ class Runs(NotebookView):
         rows = rows.select(*keys, number.alias("robot"), *lists).explode("robot", *lists)
         return rows.rename({name: name.removeprefix("robot.") for name in lists}).cast({"run": pl.UInt32})
 
-    def by_run(self, figures: Sequence[str]) -> dict[str, Array]:
-        """Return figures of each run, (cells, runs) each, nan where a run does not have the figure.
-
-        Raises:
-            InputError: runs are missing.
-        """
-        self.check_complete()
-        columns = [BY_NAME[name].by_run for name in figures]
-        rows = self.rows(*columns)
-        shape = (len(self.cells), -1)
-        order = np.argsort(np.argsort([cell.number for cell in self.cells]))
-        return {
-            name: numbers(rows[column].cast(pl.Float64)).reshape(shape)[order]
-            for name, column in zip(figures, columns, strict=True)
-        }
-
     def check_complete(self) -> None:
         """Raise InputError if runs of a cell are missing."""
         for cell in self.cells:
@@ -279,16 +248,9 @@ class Runs(NotebookView):
         return simulate(cell.scenario, self.seed, runs, motion=self.motion, **how)
 
     def runs_again(self, cell: Cell, most: int) -> int:
-        """Return how many runs of a cell, from run 0 on, are simulated again for a picture, at least one.
-
-        They are fewer than ``most`` if they have many samples, or their source of motion is slow.
-        """
-        scenario, runs = cell.scenario, float(min(most, self.runs_of(cell)))
-        if scenario.run.stop == "t_end":  # other runs may end long before
-            runs = min(runs, AGAIN_SAMPLES / samples_of_run(scenario))
-        if self.motion == "mujoco":
-            runs = min(runs, AGAIN_S * 1200.0 / (MUJOCO_S * scenario.swarm.robots * scenario.run.t_end_s))
-        return max(int(runs), 1)
+        """Return how many runs of a cell, from run 0 on, are simulated again for a picture: fewer if runs are large."""
+        fits = 1.0 if self.motion == "mujoco" else AGAIN_SAMPLES / samples_of_run(cell.scenario)
+        return max(int(min(most, self.runs_of(cell), fits)), 1)
 
     def to_pandas(self, table: str = "frame") -> pd.DataFrame:
         """Convert ``frame`` or ``robots`` to pandas, which must be installed."""

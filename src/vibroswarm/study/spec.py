@@ -48,7 +48,7 @@ from vibroswarm.study.precision import Precision
 from vibroswarm.study.run import MOST_RUNS, opened, run
 from vibroswarm.study.runs import Runs
 
-OF_UNTIL: Final = ("figure", "max_runs", "level")
+OF_UNTIL: Final = ("figure", "max_runs")
 """Keys that a study's file may have together with ``until``."""
 KEYS: Final = ("name", "runs", "until", *OF_UNTIL, "seed", "motion", "scenario", "floors", *BLOCKS)
 """Keys of a study's file."""
@@ -138,9 +138,6 @@ class Study:
             InputError: something is wrong.
         """
         folder = None if folder is None else Path(folder)
-        for key in values:
-            if key in Scenario.model_fields:
-                raise InputError(f"belongs to a scenario: write [scenario.{key}]", field=key)
         check_known_keys(values, "study", KEYS)
         with plugins.search_beside(folder):
             motion = values.get("motion", "event")

@@ -144,7 +144,7 @@ def _outcomes(runs: Runs, cells: Sequence[Cell], rows: pl.DataFrame) -> Iterator
     """Summarise cells, whose rows are sorted by cell and run."""
     tables = rows.partition_by("cell", as_dict=True)
     for cell in cells:
-        own, t_end_s, settled = tables[cell.number,], cell.scenario.run.t_end_s, runs.settled(cell)
+        own, t_end_s, settled = tables[cell.number,], cell.scenario.run.t_end_s, runs.settled.get(cell.number)
         figures = cell_figures(own, t_end_s)
         if settled is not None and runs.until is not None:  # the level allows for repeated looks
             name = runs.until.figure
