@@ -57,11 +57,6 @@ if TYPE_CHECKING:
     from vibroswarm.inference.agents import Swarm  # a type alone: no kernels are loaded
 
 
-AGREEMENTS: Final[dict[str, Any]] = {"run": pl.UInt32, "holds": pl.Boolean}
-"""Columns of the table of agreements, one row for each run in which all robots decided alike: whether their opinions
-still agree with it at the end of the run."""
-
-
 def may_change(scenario: Scenario) -> bool:
     """Return whether opinions may change after the swarm has decided.
 
@@ -70,19 +65,16 @@ def may_change(scenario: Scenario) -> bool:
     return scenario.strategy.entry.decides == "opinion" and scenario.run.stop == "t_end"
 
 
-def agreements_of(swarm: Swarm, runs: range) -> pl.DataFrame:
-    """Return the table of agreements of a strategy that decides by opinions.
+def agreement_held(swarm: Swarm, runs: int) -> Array:
+    """Return whether opinions still agree at the end with what all robots decided, (runs,); nan if they did not.
 
     Args:
-        swarm: state of all robots at the end of the runs. runs: their numbers.
+        swarm: state of all robots at the end of the runs. runs: their number.
     """
-    shape = (len(runs), -1)
-    decision, opinion = (swarm.agents[name].reshape(shape) for name in ("decision", "opinion"))
-    works = swarm.failures["works"].reshape(shape) == 1
+    decision, opinion = (swarm.agents[name].reshape(runs, -1) for name in ("decision", "opinion"))
+    works = swarm.failures["works"].reshape(runs, -1) == 1
     agreed = (decision != -1).all(axis=1) & (decision == decision[:, :1]).all(axis=1)
-    holds = ((opinion == decision) | ~works).all(axis=1)
-    numbers = np.arange(runs.start, runs.stop)
-    return pl.DataFrame({"run": numbers[agreed], "holds": holds[agreed]}, schema=AGREEMENTS)
+    return np.where(agreed, ((opinion == decision) | ~works).all(axis=1), math.nan)
 
 
 JUDGED: Final = (
@@ -110,17 +102,10 @@ class Answer(NamedTuple):
 class Truth(NamedTuple):
     """What is right for a robot or a swarm over time, and what was when it gave its answers."""
 
-    since_s: Array
-    """Times from which the truth is ``answer``, 0 first."""
-    answer: Array
-    """The right answer; nan: none."""
-    given: NDArray[np.int64]
+    spans: list[tuple[float, float, float]]
+    """Start and end (s) of each span, and the right answer; nan: none."""
+    given: list[int]
     """Index of the span in which each of its answers was given."""
-
-    def spans(self, end_s: float) -> list[tuple[float, float, float]]:
-        """Return start, end and right answer of each span."""
-        since_s = self.since_s.tolist()
-        return list(zip(since_s, [*since_s[1:], end_s], self.answer.tolist(), strict=True))
 
 
 class Course(NamedTuple):
@@ -171,45 +156,55 @@ def course_of(
         agreed = answer != -1 and (now[counts] == answer).all()
         if agreed and (not swarm or swarm[-1].answer != answer):
             swarm.append(Answer(float(time_s[k]), answer))
-    truth_s, truth = truth_over_time(scenario, floor)
-    truth_s, truth = truth_s[truth_s < end_s], truth[truth_s < end_s]
-    of_swarm = Truth(truth_s, truth, _spans_at(truth_s, swarm))
     answers = [one for one, of in zip(robots, counts.tolist(), strict=True) if of]
-    asked = task(scenario.task.name)
+    asked, common = task(scenario.task.name), truth_over_time(scenario, floor)
     is_own = asked.is_asked_anew(scenario.task.params)
-    if is_own:
-        truths = [_own_truth(scenario, floor, one, end_s) for one in answers]
-    else:
-        truths = [Truth(truth_s, truth, _spans_at(truth_s, one)) for one in answers]
-    return Course(answers, swarm, asked.presumed, of_swarm, end_s, truths, is_own)
+    truths = []
+    for own in answers:
+        truth = _truth(*common, own, end_s)
+        if is_own:
+            anew = [k for k, one in enumerate(own) if one.answer == 1]
+            *own_truth, ended = truth_of_robot(scenario, floor, [own[k].since_s for k in anew])
+            truth = _truth(*own_truth, own, end_s)
+            for k, span in zip(anew, ended.tolist(), strict=True):
+                truth.given[k] = span  # before it was asked anew
+        truths.append(truth)
+    return Course(answers, swarm, asked.presumed, _truth(*common, swarm, end_s), end_s, truths, is_own)
 
 
-def _own_truth(scenario: Scenario, floor: Floor, answers: list[Answer], end_s: float) -> Truth:
-    """Return what is right for a robot that is asked anew after each answer 1."""
-    asked_anew_s = [one.since_s for one in answers if one.answer == 1]
-    since_s, truth, ended = truth_of_robot(scenario, floor, asked_anew_s)
-    given = _spans_at(since_s, answers)
-    given[[one.answer == 1 for one in answers]] = ended  # before it was asked anew
+def _truth(since_s: Array, truth: Array, answers: list[Answer], end_s: float) -> Truth:
     within = since_s < end_s
-    return Truth(since_s[within], truth[within], given)
-
-
-def _spans_at(since_s: Array, answers: list[Answer]) -> NDArray[np.int64]:
-    return np.searchsorted(since_s, [one.since_s for one in answers], side="right") - 1
+    starts_s, right = since_s[within].tolist(), truth[within].tolist()
+    given = np.searchsorted(starts_s, [one.since_s for one in answers], side="right") - 1
+    return Truth(list(zip(starts_s, [*starts_s[1:], end_s], right, strict=True)), given.tolist())
 
 
 def judged(course: Course) -> dict[str, float]:
     """Return the numbers of the module's table for one run, by name; nan where the run does not have one."""
-    if all(np.isnan(truth.answer).all() for truth in course.truths):  # no answer was ever right
+    if all(math.isnan(right) for truth in course.truths for *_, right in truth.spans):  # none was ever right
         return dict.fromkeys(JUDGED, math.nan)
+    given = [
+        (answer, k, *own.spans[k])
+        for answers, own in zip(course.robots, course.truths, strict=True)
+        for answer, k in zip(answers, own.given, strict=True)
+    ]
+    if course.is_own:
+        delays_s = [until - since for own in course.truths for since, until, truth in own.spans if truth == 1]
+        false = sum(one.answer == 1 and truth == 0 for one, *_, truth in given) / len(course.robots)
+    else:
+        delays_s, false = _delays_and_false_changes(course)
+    errors_s = [
+        abs(one.changed_s - since)
+        for one, k, since, _, truth in given
+        if k > 0 and one.changed_s is not None and one.answer == truth
+        if one.answer == 1 or not course.is_own
+    ]
     return {
         "right_at_decision": _right_when_given(course),
         "right_time_share": _right_time_share(course),
-        "answer_delay_s": _own_delay_s(course) if course.is_own else _delay_s(course),
-        "false_changes_per_h": (_own_false_changes if course.is_own else _false_changes)(course)
-        * 3600.0
-        / course.end_s,
-        "change_time_error_s": _time_error_s(course),
+        "answer_delay_s": float(np.mean(delays_s)) if delays_s else math.nan,
+        "false_changes_per_h": false * 3600.0 / course.end_s,
+        "change_time_error_s": float(np.mean(errors_s)) if errors_s else math.nan,
     }
 
 
@@ -218,7 +213,7 @@ def _right_when_given(course: Course) -> float:
     for answers, truth in zip(course.robots, course.truths, strict=True):
         changes = [k for k, one in enumerate(answers) if course.is_own and one.answer == 1]
         last = changes[-1] if changes else len(answers) - 1
-        right.append(bool(answers) and answers[last].answer == truth.answer[truth.given[last]])
+        right.append(bool(answers) and answers[last].answer == truth.spans[truth.given[last]][2])
     return float(np.mean(right))
 
 
@@ -226,7 +221,7 @@ def _right_time_share(course: Course) -> float:
     """Return the share of the time with a truth in which answers were right, as a mean over robots."""
     right_s = known_s = 0.0
     for answers, own in zip(course.robots, course.truths, strict=True):
-        spans = [span for span in own.spans(course.end_s) if not math.isnan(span[2])]
+        spans = [span for span in own.spans if not math.isnan(span[2])]
         known_s = sum(until - since for since, until, _ in spans)  # the same for all
         ends_s = [*(answer.since_s for answer in answers[1:]), course.end_s]
         for answer, end_s in zip(answers, ends_s, strict=False):  # a robot may give no answer
@@ -236,61 +231,18 @@ def _right_time_share(course: Course) -> float:
     return float(right_s / known_s / len(course.robots)) if known_s else math.nan
 
 
-def _delay_s(course: Course) -> float:
-    """Return the mean delay of the swarm's new answer over changes to another truth; nan without one to notice."""
-    delays = []
-    for since_s, end_s, truth in course.truth.spans(course.end_s)[1:]:
+def _delays_and_false_changes(course: Course) -> tuple[list[float], int]:
+    """Return delays of the swarm's new answer after changes, and how often it left a right answer without one."""
+    delays_s = []
+    for since_s, end_s, truth in course.truth.spans[1:]:
         before = [course.presumed, *(one.answer for one in course.swarm if one.since_s < since_s)]
         if not math.isnan(truth) and before[-1] != truth:
             again = (one.since_s for one in course.swarm if one.answer == truth and one.since_s >= since_s)
-            delays.append(min(next(again, end_s), end_s) - since_s)
-    return float(np.mean(delays)) if delays else math.nan
-
-
-def _false_changes(course: Course) -> int:
-    """Return how often the swarm left a right answer without a change of the truth."""
+            delays_s.append(min(next(again, end_s), end_s) - since_s)
     answers = [one.answer for one in course.swarm]
-    truths = course.truth.answer[course.truth.given].tolist()  # when each answer was given
+    truths = [course.truth.spans[k][2] for k in course.truth.given]
     changes = zip([course.presumed, *answers], answers, truths, strict=False)
-    return sum(truth == before != after for before, after, truth in changes)
-
-
-def _own_delay_s(course: Course) -> float:
-    """Return how long robots' answers were not yet 1 after a change, as a mean over changes; nan without one."""
-    spans = [span for truth in course.truths for span in truth.spans(course.end_s)]
-    delays = [until - since for since, until, truth in spans if truth == 1]
-    return float(np.mean(delays)) if delays else math.nan
-
-
-def _own_false_changes(course: Course) -> float:
-    """Return how often a robot's answer became 1 although nothing had changed, as a mean over robots."""
-    false: int = sum(
-        answer.answer == 1 and truth.answer[k] == 0
-        for answers, truth in zip(course.robots, course.truths, strict=True)
-        for answer, k in zip(answers, truth.given.tolist(), strict=True)
-    )
-    return false / len(course.robots)
-
-
-def _time_error_s(course: Course) -> float:
-    """Return the mean distance of reported times of changes from true ones; nan where no right answer has one."""
-    errors = [
-        abs(answer.changed_s - float(truth.since_s[k]))
-        for answers, truth in zip(course.robots, course.truths, strict=True)
-        for answer, k in zip(answers, truth.given.tolist(), strict=True)
-        if k > 0 and answer.changed_s is not None and answer.answer == truth.answer[k]
-        if answer.answer == 1 or not course.is_own
-    ]
-    return float(np.mean(errors)) if errors else math.nan
-
-
-def _counting(scenario: Scenario, seed: int | None, runs: list[int]) -> NDArray[np.bool_]:
-    """Return which robots count, (runs, robots): those without faults, or all of a run in which all have some."""
-    counts = np.ones((len(runs), scenario.swarm.robots), dtype=np.bool_)
-    if scenario.faults.kinds and seed is not None:
-        counts = working(scenario, seed, runs)
-        counts[~counts.any(axis=1)] = True
-    return counts
+    return delays_s, sum(truth == before != after for before, after, truth in changes)
 
 
 def answers_table(
@@ -307,15 +259,16 @@ def answers_table(
         samples: columns run, robot, time_s and decision of all samples, run by run in the order of time, and
             changed_s if robots report it. end_s: (runs,), end of each run, in the order of ``floors``.
     """
-    runs = list(floors)
-    counts, rows = _counting(scenario, seed, runs), []
-    for r, run in enumerate(runs):
-        low, high = np.searchsorted(samples["run"], [run, run + 1]).tolist()
-        robot, time_s, decision = (samples[name][low:high] for name in ("robot", "time_s", "decision"))
-        changed_s = samples["changed_s"][low:high] if "changed_s" in samples else None
-        course = course_of(
-            scenario, floors[run], robot, time_s, decision, counts[r], float(end_s[r]), changed_s
-        )
+    counts = np.ones((len(floors), scenario.swarm.robots), dtype=np.bool_)
+    if scenario.faults.kinds and seed is not None:
+        counts = working(scenario, seed, list(floors))
+        counts[~counts.any(axis=1)] = True
+    rows = []
+    for (run, floor), of_run, end in zip(floors.items(), counts, end_s.tolist(), strict=True):
+        own = slice(*np.searchsorted(samples["run"], [run, run + 1]))
+        robot, time_s, decision = (samples[name][own] for name in ("robot", "time_s", "decision"))
+        changed_s = samples["changed_s"][own] if "changed_s" in samples else None
+        course = course_of(scenario, floor, robot, time_s, decision, of_run, end, changed_s)
         rows.append({"run": run, **judged(course)})
     return pl.DataFrame(rows, schema=ANSWERS).fill_nan(None)
 

@@ -60,19 +60,12 @@ WITHIN: Final = 1.6448536269514722
 ROOT_TAU, ROOT_PI = math.sqrt(2.0 * math.pi), math.sqrt(math.pi)
 
 
-FOLLOWED: Final = {
-    "agreement_held": "holds",
-    **{
-        name: name
-        for name in (
-            *("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
-            "change_time_error_s",
-            *("map_brier", "map_auc", "map_location_error_m", "detection_time_s"),
-        )
-    },
-}
-"""Columns of runs that only some have, by name, with their name in the table of agreements: of answers followed over
-time (``statistics.answers_over_time``), and of maps (``statistics.map_figures``)."""
+FOLLOWED: Final = (
+    *("agreement_held", "right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
+    *("change_time_error_s", "map_brier", "map_auc", "map_location_error_m", "detection_time_s"),
+)
+"""Columns of runs that only some have: of answers followed over time (``statistics.answers_over_time``), and of maps
+(``statistics.map_figures``)."""
 
 
 class Swarms:

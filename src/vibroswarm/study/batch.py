@@ -31,6 +31,7 @@ from vibroswarm.inference.outcomes import (
     as_series,
     costs_of,
     fills_and_truth,
+    numbers,
     robot_columns,
     run_columns,
 )
@@ -50,7 +51,7 @@ from vibroswarm.simulation import (
     steers,
     versions,
 )
-from vibroswarm.statistics.answers_over_time import JUDGED, agreements_of, answers_table, may_change
+from vibroswarm.statistics.answers_over_time import JUDGED, agreement_held, answers_table, may_change
 from vibroswarm.statistics.figures import FOLLOWED, Swarms, figures_of
 from vibroswarm.statistics.map_figures import MAPPED, keeps_map, map_figures
 from vibroswarm.statistics.sampling import WALK as OF_WALK
@@ -196,16 +197,16 @@ class _SharedMotion:
                 known[asked] = fills_and_truth(scenario, floors, list(runs), self.end_s)
             judged.append(known[asked])
             replayed = (scenario, self.seed, self.timeline, readings.observation, energy)
-            frames: list[pl.DataFrame] = []
+            over_time = dict.fromkeys(FOLLOWED, np.full(len(runs), np.nan))
             if scenario.change.is_given or keeps_map(scenario):
                 swarm, log = replay_followed(*replayed)
-                frames += self._over_time(scenario, floors, swarm, log)
+                over_time |= self._over_time(scenario, floors, swarm, log)
             else:
                 swarm = replay_to_end(*replayed)
             if may_change(scenario):
-                frames.append(agreements_of(swarm, runs))
+                over_time["agreement_held"] = agreement_held(swarm, len(runs))
             finals.append(final_columns(scenario, swarm))
-            followed.append({name: self._by_run(frames, column) for name, column in FOLLOWED.items()})
+            followed.append(over_time)
             reported += self._reported(scenario, swarm, judged[-1][0])
         robots = {name: np.stack([one[name].reshape(self.shape) for one in finals]) for name in finals[0]}
         fills, truth = (np.stack(values) for values in zip(*judged, strict=True))
@@ -218,22 +219,25 @@ class _SharedMotion:
         figures = figures_of(swarms)
         tiles = floors[runs[0]].tiles.size  # the same in all runs
         walk = pl.DataFrame(dict(self.walk.figures(readings.tile, readings.observation, tiles)))
-        return self._frame(list(group), t_end_s, robots, of_runs, figures, walk, reported)
+        return self._frame(list(group), robots, of_runs, figures, walk, reported)
 
     def _over_time(
         self, scenario: Scenario, floors: Mapping[int, Floor], swarm: Any, log: Any
-    ) -> Iterator[pl.DataFrame]:
-        """Yield what is judged after each sample: answers on a floor that changes, and maps."""
-        samples = self.motion.samples.select("run", "robot", "time_s")
+    ) -> dict[str, Array]:
+        """Return what is judged after each sample, by run: answers on a floor that changes, and maps."""
+        samples, found = self.motion.samples.select("run", "robot", "time_s"), dict[str, Array]()
         if scenario.change.is_given:
             columns = {name: samples[name].to_numpy() for name in samples.columns}
             columns["decision"] = log.decision
             if "changed_s" in strategy_used(scenario).reported:
                 columns["changed_s"] = log.states["changed_s"]
-            yield answers_table(scenario, self.seed, floors, columns, self.end_s).select("run", *JUDGED)
+            answers = answers_table(scenario, self.seed, floors, columns, self.end_s)
+            found |= {name: numbers(answers[name]) for name in JUDGED}
         if keeps_map(scenario):
             beliefs = samples.with_columns(belief_below=log.belief)
-            yield map_figures(scenario, swarm, floors, self.end_s, beliefs).select("run", *MAPPED)
+            maps = map_figures(scenario, swarm, floors, self.end_s, beliefs)
+            found |= {name: numbers(maps[name]) for name in MAPPED}
+        return found
 
     def _reported(self, scenario: Scenario, swarm: Any, asked: Array) -> list[list[Any] | None]:
         """Return what robots reported at the end of each run."""
@@ -244,8 +248,8 @@ class _SharedMotion:
         return [by_run[run,].to_dicts() if (run,) in by_run else None for run in self.runs]
 
     def _frame(
-        self, keys: Sequence[str], t_end_s: float, robots: Columns, runs: Columns, figures: Columns,
-        walk: pl.DataFrame, reported: list[Any],
+        self, keys: Sequence[str], robots: Columns, runs: Columns, figures: Columns, walk: pl.DataFrame,
+        reported: list[Any],
     ) -> pl.DataFrame:  # fmt: skip
         cells, (count, size) = len(keys), self.shape
         of_runs = {"run": np.arange(self.runs.start, self.runs.stop), **runs}
@@ -256,7 +260,8 @@ class _SharedMotion:
             if name not in figures
         ]
         columns += [
-            pl.Series(name, np.tile(self._by_run([walk], name), cells), nan_to_null=True) for name in WALK
+            pl.Series(name, np.tile(self._by_run(walk[name], walk["run"]), cells), nan_to_null=True)
+            for name in WALK
         ]
         columns += [pl.Series(name, values, nan_to_null=True) for name, values in figures.items()]
         columns += [
@@ -269,14 +274,11 @@ class _SharedMotion:
         failures = self.motion.failures
         if failures is None:
             return frame.with_columns(failed_s=pl.lit(None, pl.Float64), failed=pl.lit(None, pl.String))
-        failed = failures.filter(pl.col("time_s") < t_end_s).select("run", failed_s="time_s", failed="reason")
+        failed = failures.select("run", failed_s="time_s", failed="reason")
         return frame.join(failed, on="run", how="left", maintain_order="left")
 
-    def _by_run(self, frames: Iterable[pl.DataFrame], name: str) -> NDArray[np.float64]:
-        """Return a column by run from the frame that has it; nan for runs without a value."""
+    def _by_run(self, column: pl.Series, run: pl.Series) -> NDArray[np.float64]:
+        """Return a column by run; nan for runs without a value."""
         values = np.full(len(self.runs), np.nan)
-        for frame in frames:
-            if name in frame.columns:
-                place = frame["run"].to_numpy().astype(np.int64) - self.runs.start
-                values[place] = frame[name].cast(pl.Float64).to_numpy()
+        values[run.to_numpy().astype(np.int64) - self.runs.start] = column.cast(pl.Float64).to_numpy()
         return values
