@@ -60,7 +60,6 @@ def of_detection(detection: Detection) -> Report:
 
 FOLDED: Final = {
     "needed": "Every floor, all columns",
-    "maps": "Maps",
     "detection": "Misses and false alarms over time",
     "pairs": "All pairs of floors",
     "summary": "All figures",

@@ -27,7 +27,7 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.answers_over_time import answers_in
 from vibroswarm.statistics.decidability import decidability
 from vibroswarm.statistics.figures import run_figures
-from vibroswarm.statistics.map_figures import floor_maps, keeps_floor_map
+from vibroswarm.statistics.map_figures import floor_maps
 from vibroswarm.statistics.reports_over_time import report_headings, reports_over_time
 from vibroswarm.statistics.sampling import blocked_words
 from vibroswarm.statistics.verdict import (
@@ -35,11 +35,11 @@ from vibroswarm.statistics.verdict import (
     answers_of,
     decision_words,
     gate_unreached,
-    has_own_estimate,
     holds_opinions,
     mean_over_time,
     verdict,
 )
+from vibroswarm.strategies.place_map import WITH_MAP
 
 MOST_ROBOTS: Final = 20
 """Most robots with a row each in a terminal."""
@@ -130,7 +130,8 @@ def _robot_tables(result: Result, swarm: Verdict, run: int) -> Iterator[tuple[st
     scenario = result.scenario
     opinion = holds_opinions(scenario)
     is_large = len(swarm.robots) > MOST_ROBOTS
-    estimate = "opinion" if opinion else "estimate" if has_own_estimate(scenario) else "share of ones"
+    own = "estimate" if scenario.strategy.entry.has_own_estimate else "share of ones"
+    estimate = "opinion" if opinion else own
     titles = {"posterior": estimate, "own_samples": "own", "messages_heard": "heard"}
     caption = "Confidence: belief in the own decision when it was made."
     if opinion:
@@ -214,7 +215,7 @@ def _maps(result: Result, run: int) -> Iterator[tuple[str, Table | Figure]]:
     """Yield how right answers were while the floor changed, and the maps of robots that keep some."""
     if result.scenario.change.is_given:
         yield "answers", Table(answers_in(result).filter(run=run).drop("run"), "Answers over time")
-    if not keeps_floor_map(result.scenario):
+    if result.scenario.strategy.name not in WITH_MAP:
         return
     maps = floor_maps(result).filter(run=run)
     pooled = maps.filter(pl.col("robot").is_null()).sort("row", "column")

@@ -263,9 +263,8 @@ def _folded_tables(outcome: Outcome) -> Iterator[tuple[str, Table]]:
 def _warnings(outcome: Outcome) -> Iterator[str]:
     """Yield what may invalidate the figures, each text once."""
     runs = outcome.runs
-    missing = int((runs.cell_table["wanted"] - runs.cell_table["there"]).sum())
-    if missing or outcome.without_runs:
-        yield f"{count(missing, 'run')} missing; repeat the command to add them."
+    if outcome.missing:
+        yield f"{count(outcome.missing, 'run')} missing; repeat the command to add them."
     if len(runs.store.made_by) > 1:
         yield "Runs were made by different versions of the software; last digits may differ."
     cells: dict[str, list[str]] = {}

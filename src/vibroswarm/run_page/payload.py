@@ -25,7 +25,7 @@ from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.statistics.map_figures import keeps_floor_map, maps_over_time
+from vibroswarm.statistics.map_figures import maps_over_time
 from vibroswarm.statistics.verdict import (
     Verdict,
     estimates_in_words,
@@ -34,6 +34,7 @@ from vibroswarm.statistics.verdict import (
     verdict,
 )
 from vibroswarm.strategies import strategy as strategy_of
+from vibroswarm.strategies.place_map import WITH_MAP
 from vibroswarm.strategies.static_analysis import fields_read
 
 POSE_S: Final = 0.25
@@ -224,7 +225,7 @@ def _maps(result: Result, run: int, end_s: float) -> dict[str, Any] | None:
     None if the robots keep no maps, or if these cannot be recomputed.
     """
     is_lost = result.seed is None or (is_estimated(result.scenario) and result.moves is None)
-    if is_lost or not keeps_floor_map(result.scenario):
+    if is_lost or result.scenario.strategy.name not in WITH_MAP:
         return None
     time_s = np.linspace(0.0, end_s, MAP_TIMES)
     beliefs = maps_over_time(result, run, time_s)

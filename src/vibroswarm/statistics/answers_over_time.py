@@ -164,8 +164,8 @@ def course_of(
         truth = _truth(*common, own, end_s)
         if is_own:
             anew = [k for k, one in enumerate(own) if one.answer == 1]
-            *own_truth, ended = truth_of_robot(scenario, floor, [own[k].since_s for k in anew])
-            truth = _truth(*own_truth, own, end_s)
+            since_s, right, ended = truth_of_robot(scenario, floor, [own[k].since_s for k in anew])
+            truth = _truth(since_s, right, own, end_s)
             for k, span in zip(anew, ended.tolist(), strict=True):
                 truth.given[k] = span  # before it was asked anew
         truths.append(truth)

@@ -217,8 +217,6 @@ class RunFigure:
     """Whether searches know what it is computed from: decisions, their times, and beliefs at the end."""
     compared: bool = False
     """Whether cells are compared by it unless other figures are asked for."""
-    picture: str = ""
-    """Title of the picture that a study's page has of it; empty: none."""
     least: float = -math.inf
     most: float = math.inf
     """Values that a mean can have at least and at most; its limits stay within. Times from 0 on (unit s, ``least`` 0)
@@ -353,7 +351,6 @@ FIGURES: Final = (
         better=-1,
         unit="s",
         compared=True,
-        picture="Decision time (restricted mean)",
         least=0.0,
     ),
     RunFigure(
@@ -362,7 +359,6 @@ FIGURES: Final = (
         _mean_of("belief_in_truth"),
         better=1,
         compared=True,
-        picture="Belief in the truth (the paper's accuracy)",
         least=0.0,
         most=1.0,
     ),
@@ -372,7 +368,6 @@ FIGURES: Final = (
         "right",
         better=1,
         compared=True,
-        picture="Robots that decided rightly",
     ),
     _robots(
         "robots_wrong",
@@ -381,7 +376,6 @@ FIGURES: Final = (
         better=-1,
         of_decisions=True,
         compared=True,
-        picture="Robots that decided wrongly",
     ),
     _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
     RunFigure("forced_error", "forced error", _forced_error, better=-1, of_decisions=True, compared=True),
@@ -391,7 +385,6 @@ FIGURES: Final = (
         "error of the estimate",
         lambda s: s.mean(np.abs(_estimate_misses(s))),
         better=-1,
-        picture="Error of the estimates",
         least=0.0,
     ),
     RunFigure(
@@ -469,7 +462,6 @@ FIGURES: Final = (
         "Brier score of the map",
         lambda s: s.runs["map_brier"],
         better=-1,
-        picture="Brier score of robots' maps at the end (0.25: know nothing)",
         least=0.0,
         most=1.0,
     ),

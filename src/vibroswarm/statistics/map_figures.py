@@ -131,11 +131,6 @@ belief that the tile vibrates; ``spread``: its standard deviation; ``vibrates``:
 the run, else 0."""
 
 
-def keeps_floor_map(scenario: Scenario) -> bool:
-    """Return whether robots keep a map of the tiles that vibrate."""
-    return scenario.strategy.name in WITH_MAP
-
-
 def floor_maps(result: Result) -> pl.DataFrame:
     """Return the robots' maps and the pooled map at the end of each run: a table with the columns ``MAPS``.
 

@@ -117,7 +117,7 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
     if result.runs.filter(of_run).is_empty():
         raise InputError(f"there is no run {run} in this result", field="run")
     (summary,) = result.runs.filter(of_run).to_dicts()
-    by_counts = not has_own_estimate(result.scenario)
+    by_counts = not result.scenario.strategy.entry.has_own_estimate
     robots = tuple(_robot(row, by_counts) for row in result.robots.filter(of_run).to_dicts())
     decisions = {robot.decision for robot in robots}
     is_agreed = len(decisions) == 1 and not decisions & {-1, None}
@@ -142,24 +142,14 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
 
 def _scores(result: Result, run: int) -> dict[str, Any]:
     """Return how good the estimates of a run are if the task asks for a number, and else whether it asks anew."""
-    words = asked_number(result.scenario)
+    task = result.scenario.task
+    words = task.entry.estimated_in_words(task.params)
     if not words:
-        task = result.scenario.task
         return {"asked_anew": task.entry.is_asked_anew(task.params)}
     of_run = pl.col("run") == run
     table = run_figures(result.robots.filter(of_run), result.runs.filter(of_run), result.scenario.run.t_end_s)
     when = " at the end" if result.floor(run).is_changing else ""
     return {"estimated": words + when, **{name: table[name][0] for name in ESTIMATES}}
-
-
-def has_own_estimate(scenario: Scenario) -> bool:
-    """Return whether robots report an estimate of their own."""
-    return bool(scenario.strategy.entry.has_own_estimate)
-
-
-def asked_number(scenario: Scenario) -> str:
-    """Return in words the number that the task asks for; empty if it asks for a decision."""
-    return str(scenario.task.entry.estimated_in_words(scenario.task.params))
 
 
 def mean_over_time(floor: Floor, end_s: float, expected: Callable[[Floor], Any]) -> Any:

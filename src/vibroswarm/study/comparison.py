@@ -16,7 +16,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import polars as pl
 
@@ -89,12 +89,6 @@ class Compared:
         if not self.significant:
             return None
         return self.paired.difference.estimate * BY_COLUMN[self.paired.figure].better > 0
-
-    def as_row(self) -> dict[str, Any]:
-        """Return a flat row for a table."""
-        pair = self.pair
-        cells = {"name": pair.name, "cell": pair.cell.number, "reference": pair.reference.number}
-        return cells | self.paired.as_row()
 
 
 class Answer(NamedTuple):
@@ -195,7 +189,11 @@ def comparisons(runs: Runs, reference: str | None = None) -> list[Compared]:
 
 def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
     """Tabulate comparisons, one row per pair of cells and figure; without comparisons the table has no columns."""
-    return pl.DataFrame([comparison.as_row() for comparison in compared], infer_schema_length=None)
+    rows = [
+        {"name": pair.name, "cell": pair.cell.number, "reference": pair.reference.number, **paired.as_row()}
+        for pair, paired in ((one.pair, one.paired) for one in compared)
+    ]
+    return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def answers_of(compared: Sequence[Compared]) -> tuple[Answer, ...]:

@@ -34,7 +34,6 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.decidability import decidability
 from vibroswarm.statistics.incidence import robot_incidence, swarm_incidence
 from vibroswarm.statistics.intervals import wilson_limits
-from vibroswarm.statistics.map_figures import MAPPED, keeps_map
 from vibroswarm.study.runs import Runs
 from vibroswarm.study.spec import Study
 from vibroswarm.study.summary import outcome_of
@@ -50,8 +49,7 @@ class Detection:
     """What a detection found."""
 
     tables: Mapping[str, pl.DataFrame]
-    """``detection``, ``needed`` and ``pairs``, as ``study.detection`` makes them; ``maps`` if robots keep maps;
-    and ``summary``, all figures of each cell (``Outcome.table``)."""
+    """``detection``, ``needed``, ``pairs``, and ``summary``, all figures of each cell."""
     scenario: Scenario
     """The scenario of all runs, in which floor and number of robots vary."""
     seed: int
@@ -111,13 +109,8 @@ def detection_of(runs: Runs, error: float = 0.05, false_alarms: float | None = N
     cells = [runs.tables(cell) for cell in runs.cells]
     need = needed(cells, scenario.run.t_end_s, error, false_alarms=alarms)
     curve = detection_curve(cells, scenario.run.t_end_s)
-    summary = outcome_of(runs, compare=False).table
+    summary = outcome_of(runs).table
     tables = {"detection": curve, "needed": need, "pairs": pairs(need), "summary": summary}
-    if keeps_map(scenario):
-        figures = [f"{name}{end}" for name in MAPPED for end in ("", "_low", "_high")]
-        fills = pl.Series("fill_ratio", [table["fill_ratio"][0] for _, table in cells])
-        maps = summary.with_columns(fills).select("fill_ratio", "runs", *figures, robots="swarm.robots")
-        tables["maps"] = maps.sort("fill_ratio", "robots")
     verdicts = [decidability(cell.scenario) for cell in runs.cells]
     warnings = dict.fromkeys(
         f"fill ratio {stated(verdict.fill_ratio)}: {verdict.says}"

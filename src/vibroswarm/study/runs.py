@@ -148,38 +148,25 @@ class Runs(NotebookView):
         joined = wanted.lazy().join(stored, on="key").filter(pl.col("run") < pl.col("_runs"))
         return joined.drop("key", "_runs").collect().sort("cell", "run")
 
-    def blocks(self, *columns: str | pl.Expr) -> Iterator[tuple[list[Cell], pl.DataFrame]]:
+    def blocks(self) -> Iterator[tuple[Sequence[Cell], pl.DataFrame]]:
         """Yield cells and their ``rows``, some cells at a time, so that few rows are in memory."""
-        block, size = list[Cell](), 0
-        for cell in [*self.cells, None]:
-            if cell is None or (block and size + self.runs_of(cell) > ROWS_AT_A_TIME):
-                yield block, self.rows(*columns, cells=block)
-                block, size = [], 0
-            if cell is not None:
-                block.append(cell)
-                size += self.runs_of(cell)
+        size = max(ROWS_AT_A_TIME // max(1, *map(self.runs_of, self.cells)), 1)
+        for first in range(0, len(self.cells), size):
+            cells = self.cells[first : first + size]
+            yield cells, self.rows(cells=cells)
 
     @cached_property
     def frame(self) -> pl.DataFrame:
         """A row for each cell and run, see the head of this module."""
-        rows = self.rows()
-        after = {"decision_time_s": "undecided", "consensus_time_s": "swarm_undecided"}
-        rows = rows.with_columns(
-            pl.col(YES_OR_NO).cast(pl.Boolean), swarm_undecided=pl.col("consensus_time_s").is_null()
-        )
-        moved = set(after.values())
-        names = [
-            each for name in rows.columns if name not in moved for each in (name, after.get(name)) if each
-        ]
-        return self._with_cells(rows.select(names).rename(COUNTS))
+        is_open = pl.col("consensus_time_s").is_null()
+        rows = self.rows().with_columns(pl.col(YES_OR_NO).cast(pl.Boolean), swarm_undecided=is_open)
+        return self._with_cells(rows.rename(COUNTS))
 
     @cached_property
     def robots(self) -> pl.DataFrame:
         """A row for each cell, run and robot; ``decision_time_s`` is null if the robot is ``undecided``."""
         rows = self._robots(self.rows(OF_ROBOT))
-        names = list(rows.columns)
-        names.insert(names.index("decision_time_s") + 1, "undecided")
-        return self._with_cells(rows.with_columns(undecided=pl.col("decision") == -1).select(names))
+        return self._with_cells(rows.with_columns(undecided=pl.col("decision") == -1))
 
     @cached_property
     def reported(self) -> pl.DataFrame:
@@ -264,16 +251,14 @@ class Runs(NotebookView):
 
         Cells that do not set all varied fields, or of which some are equal, have the dimension ``cell`` instead.
         """
-        xarray = needed("xarray", "frames", "to_xarray")
+        needed("xarray", "frames", "to_xarray")
         frame = self.to_pandas(table)
         further = ["run", "robot"] if table == "robots" else ["run"]
         keys = frame[[*self.varied, *further]]
         is_grid = bool(self.varied) and not (keys.duplicated().any() or keys.isna().to_numpy().any())
         texts = frame.astype(dict.fromkeys(frame.select_dtypes("category"), str))
-        dataset: xr.Dataset = xarray.Dataset.from_dataframe(
-            texts.set_index([*(self.varied if is_grid else ["cell"]), *further])
-        )
-        return dataset
+        index = [*(self.varied if is_grid else ["cell"]), *further]
+        return texts.set_index(index).to_xarray()  # type: ignore[no-any-return]
 
     @cached_property
     def cell_table(self) -> pl.DataFrame:

@@ -61,21 +61,18 @@ class Outcome(NotebookView):
     """The figures of each cell."""
     comparisons: tuple[Compared, ...]
     """One for each pair of cells and figure; empty if no cells are compared."""
-    without_runs: tuple[Cell, ...] = ()
-    """Cells of which no run is there; they are in no table."""
+    missing: int = 0
+    """Number of runs that are not there; cells without any are in no table."""
     answers: tuple[Answer, ...] = ()
     """An answer for each pair of cells that is compared."""
 
     @cached_property
     def table(self) -> pl.DataFrame:
-        """One row per cell: number, varied values and name, then all figures with their limits.
-
-        If the source of motion gave up a run of any cell, there is a column ``failed_runs``.
-        """
+        """One row per cell: number, varied values and name, then all figures with their limits."""
         rows = []
         for one in self.cells:
-            failed = {"failed_runs": one.failed.height} if self.has_failed_runs else {}
-            row = {"runs": one.runs, **failed, "robots": one.robots, "t_end_s": one.t_end_s, "level": 0.95}
+            row: dict[str, Any] = {"runs": one.runs, "failed_runs": one.failed.height, "robots": one.robots}
+            row |= {"t_end_s": one.t_end_s, "level": 0.95}
             for name, found in one.figures.items():
                 row |= columns_of(name, found)
             rows.append(row | one.walk)
@@ -117,27 +114,20 @@ class Outcome(NotebookView):
         kinds = {"cell": pl.UInt32, "index": pl.UInt32, **dict.fromkeys(floats, pl.Float64)}
         return pl.DataFrame(rows, schema_overrides=kinds) if rows else pl.DataFrame()
 
-    @property
-    def has_failed_runs(self) -> bool:
-        """Whether the source of motion gave up a run; only then is there a column ``failed_runs``."""
-        return any(cell.failed.height > 0 for cell in self.cells)
 
-
-def outcome_of(runs: Runs, reference: str | None = None, *, compare: bool = True) -> Outcome:
+def outcome_of(runs: Runs, reference: str | None = None) -> Outcome:
     """Summarise the runs of cells.
 
     Args:
         reference: value with which other cells are compared, see ``comparison.pairs_of``.
-        compare: whether cells are compared; if not, only their figures are computed.
     Raises:
         InputError: no cell has runs, or the reference is no value that is compared.
     """
-    without = tuple(cell for cell in runs.cells if not runs.there[cell.number])
-    if without and len(without) < len(runs.cells):
-        runs = runs.select(cell for cell in runs.cells if cell not in without)
+    missing = sum(runs.runs_of(cell) - runs.there[cell.number] for cell in runs.cells)
+    runs = runs.select([cell for cell in runs.cells if runs.there[cell.number]] or runs.cells)
     cells = [one for block, rows in runs.blocks() for one in _outcomes(runs, block, rows)]
-    compared = tuple(comparisons(runs, reference)) if compare else ()
-    return Outcome(runs, tuple(cells), compared, without, answers_of(compared))
+    compared = tuple(comparisons(runs, reference))
+    return Outcome(runs, tuple(cells), compared, missing, answers_of(compared))
 
 
 def _outcomes(runs: Runs, cells: Sequence[Cell], rows: pl.DataFrame) -> Iterator[CellOutcome]:
