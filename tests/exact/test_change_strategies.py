@@ -12,7 +12,7 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm import Result, Scenario, Study, preset, simulate
 from vibroswarm.robot.belief import belief_below
-from vibroswarm.statistics.answers_over_time import Answer, answers_in, course_of, judged
+from vibroswarm.statistics.over_time import Answer, answers_in, course_of, judged
 from vibroswarm.study.summary import outcome_of
 
 GRID = {"floor.source": "random:0.3", "floor.rows": 10, "floor.columns": 10, "decision.min_observations": 40}

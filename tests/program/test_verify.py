@@ -9,9 +9,9 @@ import pytest
 
 from helpers.commands import json_of
 from vibroswarm import Study, preset
-from vibroswarm.study import verify as module
+from vibroswarm.study import store as module
 from vibroswarm.study.batch import Task, simulate_runs
-from vibroswarm.study.verify import verify
+from vibroswarm.study.store import verify
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
 

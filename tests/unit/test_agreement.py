@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from vibroswarm.statistics.answers_over_time import agreement_held
+from vibroswarm.statistics.over_time import agreement_held
 
 
 def test_an_agreement_lasts_by_hand() -> None:

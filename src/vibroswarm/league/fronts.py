@@ -28,7 +28,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.inference.outcomes import Array, costs_of
-from vibroswarm.league.standings import ENTRY, parts_of
+from vibroswarm.league.standings import ENTRY
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.intervals import columns_of, draw_limits, few_factor, plain
 from vibroswarm.statistics.paired import drawn_means, holm
@@ -50,7 +50,7 @@ def front_table(units: pl.DataFrame, by: Sequence[str] = (), seed: int = 0) -> p
     Returns: a row for each group, level and strategy; those of a level by rising time.
     """
     rows: list[dict[str, Any]] = []
-    for part in parts_of(units, by):
+    for part in units.partition_by(by, maintain_order=True) if by else [units]:
         group = part.select(by).row(0, named=True) if by else {}
         entries = part.select(ENTRY).unique("name", maintain_order=True)
         times, errors = (_drawn(part, figure, seed) for figure in ("decision_time_s", "forced_error"))

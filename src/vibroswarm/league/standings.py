@@ -100,11 +100,6 @@ def units_of(runs: Runs, cells: pl.DataFrame, by: Sequence[str] = ()) -> pl.Data
     return rows.group_by(keys, maintain_order=True).agg(pl.col(FIGURES).mean())
 
 
-def parts_of(units: pl.DataFrame, by: Sequence[str]) -> list[pl.DataFrame]:
-    """Return the rows of each group."""
-    return units.partition_by(by, maintain_order=True) if by else [units]
-
-
 def standing_table(units: pl.DataFrame, by: Sequence[str] = ()) -> pl.DataFrame:
     """Return a row for each group and entry with its figures and their limits, by rising forced error, then time."""
     keys, rows = [*by, *ENTRY, "knows", "message_bytes"], []

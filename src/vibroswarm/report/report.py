@@ -82,7 +82,7 @@ KINDS: Final = {
     "vibroswarm.study.runs": "study",
     "vibroswarm.study.detection": "detection",
     "vibroswarm.scenario.scenario": "file",
-    "vibroswarm.study.verify": "verified",
+    "vibroswarm.study.store": "verified",
     "vibroswarm.search.sensitivity": "search",
     "vibroswarm.search.options": "search",
     "vibroswarm.league.play": "league",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import asdict
 from functools import partial
 from typing import Any, Final
 
@@ -24,11 +25,10 @@ from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.statistics.answers_over_time import answers_in
 from vibroswarm.statistics.decidability import decidability
 from vibroswarm.statistics.figures import run_figures
 from vibroswarm.statistics.map_figures import floor_maps
-from vibroswarm.statistics.reports_over_time import report_headings, reports_over_time
+from vibroswarm.statistics.over_time import answers_in, report_headings, reports_over_time
 from vibroswarm.statistics.sampling import blocked_words
 from vibroswarm.statistics.verdict import (
     Verdict,
@@ -240,7 +240,7 @@ def _draw_maps(result: Result, maps: pl.DataFrame, run: int) -> Picture:
 def _verdict_table(swarm: Verdict) -> Table:
     values = {
         name: ", ".join(value) if isinstance(value, tuple) else value
-        for name, value in swarm.as_dict().items()
+        for name, value in asdict(swarm).items()
         if name != "robots"
     }
     return Table(pl.DataFrame([values], infer_schema_length=None), "All numbers of the run", folded=True)

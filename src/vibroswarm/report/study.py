@@ -15,9 +15,9 @@ from vibroswarm.report.study_answer import answer
 from vibroswarm.report.study_pictures import pictures
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.search.cell_scores import CellScores
-from vibroswarm.statistics.answers_over_time import JUDGED
 from vibroswarm.statistics.figures import BY_COLUMN, ESTIMATES
 from vibroswarm.statistics.map_figures import MAPPED
+from vibroswarm.statistics.over_time import JUDGED
 from vibroswarm.statistics.sampling import blocked_words
 from vibroswarm.statistics.verdict import answers_of
 from vibroswarm.study.batch import WALK

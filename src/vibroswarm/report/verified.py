@@ -5,7 +5,7 @@ from __future__ import annotations
 from vibroswarm.core.numbers import count
 from vibroswarm.report.report import Report, Table, report
 from vibroswarm.simulation import versions
-from vibroswarm.study.verify import Verified
+from vibroswarm.study.store import Verified
 
 
 @report.register

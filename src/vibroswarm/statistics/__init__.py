@@ -10,6 +10,6 @@
 | ``sampling`` | how a swarm samples |
 | ``decidability`` | whether the question can be decided |
 | ``map_figures`` | maps of the floor, and how good they are |
-| ``answers_over_time``, ``reports_over_time`` | agreement and error over time; what robots report |
+| ``over_time`` | agreement and error over time; what robots report |
 | ``intervals`` | confidence intervals for all of them |
 """

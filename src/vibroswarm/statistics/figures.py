@@ -64,7 +64,7 @@ FOLLOWED: Final = (
     *("agreement_held", "right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
     *("change_time_error_s", "map_brier", "map_auc", "map_location_error_m", "detection_time_s"),
 )
-"""Columns of runs that only some have: of answers followed over time (``statistics.answers_over_time``), and of maps
+"""Columns of runs that only some have: of answers followed over time (``statistics.over_time``), and of maps
 (``statistics.map_figures``)."""
 
 

@@ -8,7 +8,6 @@ its final decision. Limits hold at each time by itself.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
 
 import numpy as np
 import polars as pl
@@ -18,8 +17,6 @@ from vibroswarm.statistics.intervals import Values, cluster_shares, wilson_limit
 
 POINTS = 121
 """Number of times in the default grid from 0 to t_end."""
-READ: Final = ("decision", "decision_time_s", "truth", "consensus", "consensus_time_s")
-"""Columns of the tables that are read, besides run and robot."""
 Limits = Callable[[Values, Values, float], tuple[Values, Values, Values]]
 """Shares and their limits at each time, from counts, (times, runs), of sizes, (runs,)."""
 

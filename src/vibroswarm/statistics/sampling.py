@@ -208,32 +208,8 @@ def effective_with_sensor(
         return np.asarray(q * (1 - q) / (of_floor + of_sensor))  # n_eff
 
 
-EXCHANGE: Final[dict[str, Any]] = {
-    "run": pl.UInt32,
-    "addressed": pl.UInt32,
-    "heard": pl.UInt32,
-    "packet_loss": pl.Float64,
-}
-"""Columns of ``packet_loss``."""
-
-
 SWITCHED_ON_LATE_S: Final = 60.0
 """A robot of a recording may have been switched on late if its first sample is this much later than another's."""
-
-
-def late_robots(result: Result) -> pl.DataFrame:
-    """Return which robots of a recording may have been switched on late, by their first samples.
-
-    A log does not say when robots were switched on. Before its first sample such a robot may have missed messages just
-    because it was off. Robots of a simulation hear from the start, however late they first sample.
-
-    Returns: run and robot of each.
-    """
-    first = result.motion.group_by("run", "robot").agg(pl.col("time_s").min())
-    after_s = pl.col("time_s") - pl.col("time_s").min().over("run")
-    return first.filter(after_s > (SWITCHED_ON_LATE_S if result.seed is None else math.inf)).select(
-        "run", "robot"
-    )
 
 
 def packet_loss(result: Result) -> pl.DataFrame:
@@ -245,14 +221,13 @@ def packet_loss(result: Result) -> pl.DataFrame:
     a stop, when they read messages sent at least one period earlier. So of the other robots' messages, those sent at
     least two control periods before the receiver's last stop began are counted as addressed to it: it had read each of
     these by its last sample, unless the message was lost. Robots without samples do not count, and of robots that may
-    have been switched on late (``late_robots``) only the messages since their first sample.
+    have been switched on late (``SWITCHED_ON_LATE_S``) only the messages since their first sample.
 
     A recording may lack rows of samples whose messages were sent nevertheless. So messages are counted by the index
     ``sample`` of a robot's samples, not by rows.
 
-    Returns: one row per run that has samples, in the columns ``EXCHANGE``. heard and packet_loss are null if a
-        recording does not contain the number of received messages; packet_loss is also null if no message was
-        addressed.
+    Returns: run, addressed, heard and packet_loss, of each run that has samples. heard and packet_loss are null if a
+        recording lacks the number of received messages; packet_loss is also null if no message was addressed.
     """
     tick_s = result.scenario.tick_s
     tick = np.rint(result.motion["time_s"].to_numpy() / tick_s).astype(np.int64)
@@ -262,7 +237,10 @@ def packet_loss(result: Result) -> pl.DataFrame:
         heard=result.inference["messages_received"].cast(pl.Int64)
     ).group_by("run", "robot", maintain_order=True)
     last = by_robot.last()
-    begin = by_robot.first().join(late_robots(result), on=["run", "robot"], how="semi")
+    # A log does not say when robots were switched on; robots of a simulation hear from the start.
+    after_s = pl.col("time_s") - pl.col("time_s").min().over("run")
+    is_late = after_s > (SWITCHED_ON_LATE_S if result.seed is None else math.inf)
+    begin = by_robot.first().filter(is_late)
     begin = last.select("run", "robot").join(begin, on=["run", "robot"], how="left", maintain_order="left")
 
     def last_tick_counted(stop_start_s: pl.Series) -> NDArray[np.int64]:
@@ -297,4 +275,5 @@ def packet_loss(result: Result) -> pl.DataFrame:
         pl.col("addressed").sum(), pl.when(~unknown).then(pl.col("heard").sum()).alias("heard")
     )
     loss = pl.when(pl.col("addressed") > 0).then(1.0 - pl.col("heard") / pl.col("addressed"))
-    return table.with_columns(packet_loss=loss).select(list(EXCHANGE)).cast(EXCHANGE)  # type: ignore[arg-type]
+    counts = pl.col("addressed", "heard").cast(pl.UInt32)
+    return table.select("run", counts, packet_loss=loss)

@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
 import polars as pl
@@ -98,10 +98,6 @@ class Verdict:
     """Mean continuous ranked probability score of their estimates; None, as the coverage, if they state no spread."""
     asked_anew: bool = False
     """Whether what is right depends on each robot's own last answer."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON, robots as a list of dictionaries."""
-        return asdict(self)
 
 
 def verdict(result: Result, run: int | None = None) -> Verdict:

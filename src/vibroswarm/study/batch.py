@@ -51,9 +51,9 @@ from vibroswarm.simulation import (
     steers,
     versions,
 )
-from vibroswarm.statistics.answers_over_time import JUDGED, agreement_held, answers_table, may_change
 from vibroswarm.statistics.figures import FOLLOWED, Swarms, figures_of
 from vibroswarm.statistics.map_figures import MAPPED, keeps_map, map_figures
+from vibroswarm.statistics.over_time import JUDGED, agreement_held, answers_table, may_change
 from vibroswarm.statistics.sampling import WALK as OF_WALK
 from vibroswarm.statistics.sampling import Walk
 

@@ -11,7 +11,6 @@ a study's file are combined in all ways:
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -37,11 +36,6 @@ class Cell:
     """A name that no other cell has; the scenario's strategy if nothing is varied."""
 
     @cached_property
-    def hash(self) -> str:
-        """Hash of the scenario."""
-        return self.scenario.hash
-
-    @cached_property
     def texts(self) -> dict[str, str]:
         """Each varied value as text."""
         return {name: value_as_text(value) for name, value in self.point.items()}
@@ -62,7 +56,7 @@ PRESET: Final = "preset"
 PLAIN: Final = ("floor.source", "strategy.name", "network.name", "task.name", PRESET, LABEL)
 """Fields whose values are written without the name of the field."""
 MOST: Final = 100_000
-"""Most cells of a study, and most values of a range."""
+"""Most values of a range."""
 
 
 def points_of(blocks: Mapping[str, Any]) -> list[Point]:
@@ -79,8 +73,6 @@ def points_of(blocks: Mapping[str, Any]) -> list[Point]:
     for field, times in fields.items():
         if times > 1:
             raise InputError("is varied in two blocks", field=field)
-    if math.prod(map(len, parts)) > MOST:
-        raise InputError(f"has more than {MOST} cells; vary less", field="study")
     return [{k: v for part in chosen for k, v in part.items()} for chosen in product(*parts)]
 
 

@@ -53,17 +53,14 @@ class Detection:
     scenario: Scenario
     """The scenario of all runs, in which floor and number of robots vary."""
     seed: int
+    runs: int
+    """Of each fill ratio and number of robots."""
     error: float
     """Tolerated probability of a miss."""
     false_alarms: float
     """Tolerated probability of a false alarm."""
     warnings: tuple[str, ...] = ()
     """Fill ratios on which the swarm cannot be right, however many samples robots take, each as a sentence."""
-
-    @property
-    def runs(self) -> int:
-        """Runs of each fill ratio and number of robots."""
-        return int(self.tables["needed"]["runs"].min())  # type: ignore[arg-type]
 
     @property
     def runs_needed(self) -> int:
@@ -117,7 +114,7 @@ def detection_of(runs: Runs, error: float = 0.05, false_alarms: float | None = N
         for verdict in verdicts
         if verdict.is_warning
     )
-    return Detection(tables, scenario, runs.seed, error, alarms, tuple(warnings))
+    return Detection(tables, scenario, runs.seed, runs.runs, error, alarms, tuple(warnings))
 
 
 def fills_around(scenario: Scenario) -> list[float]:

@@ -60,11 +60,6 @@ class StudyProgress(NamedTuple):
     of: int = 0
     """Runs of cells of the first look."""
 
-    @property
-    def share(self) -> float:
-        """Share of the wanted runs that is done; 0 if none is wanted."""
-        return self.done / max(self.wanted, 1)
-
 
 Progress = Callable[[StudyProgress], None]
 

@@ -168,13 +168,6 @@ class Runs(NotebookView):
         rows = self._robots(self.rows(OF_ROBOT))
         return self._with_cells(rows.with_columns(undecided=pl.col("decision") == -1))
 
-    @cached_property
-    def reported(self) -> pl.DataFrame:
-        """What robots reported at the end of runs, means over the robots of a run."""
-        return self._with_cells(
-            self.rows("reported").drop_nulls("reported").explode("reported").unnest("reported")
-        )
-
     def tables(self, cell: Cell) -> tuple[pl.DataFrame, pl.DataFrame]:
         """Return the tables of robots and of runs of a cell, as a ``Result`` has them, with how robots sampled."""
         rows = self.rows(OF_RUN, OF_ROBOT, cells=[cell])
@@ -242,7 +235,6 @@ class Runs(NotebookView):
     def to_pandas(self, table: str = "frame") -> pd.DataFrame:
         """Convert ``frame`` or ``robots`` to pandas, which must be installed."""
         needed("pandas", "frames", "to_pandas")
-        needed("pyarrow", "frames", "to_pandas")
         frame: pl.DataFrame = getattr(self, table)
         return frame.to_pandas()
 
@@ -264,7 +256,7 @@ class Runs(NotebookView):
     def cell_table(self) -> pl.DataFrame:
         """A row for each cell: number, varied fields, name, hash of the scenario, runs wanted and there."""
         rows = [
-            (cell.number, cell.name, cell.hash, self.runs_of(cell), self.there[cell.number])
+            (cell.number, cell.name, cell.scenario.hash, self.runs_of(cell), self.there[cell.number])
             for cell in self.cells
         ]
         schema = {

@@ -161,7 +161,7 @@ class Study:
         values |= {"runs": self.runs} if self.until is None else self.until.as_values()
         values |= {"seed": self.seed, "motion": self.motion, "scenario": self._whole_base()}
         if self._floors:
-            values["floors"] = {name: [*map(_listed, rows)] for name, rows in self._floors.items()}
+            values["floors"] = self._floors
         return as_toml(values | dict(self.vary))
 
     def _whole_base(self) -> dict[str, Any]:
@@ -223,7 +223,7 @@ class Study:
     @cached_property
     def hash(self) -> str:
         """16 hexadecimal digits of cells, seed and source of motion, but not of the number of runs and the name."""
-        what = [self.seed, self.motion, [[cell.hash, cell.point] for cell in self.cells]]
+        what = [self.seed, self.motion, [[cell.scenario.hash, cell.point] for cell in self.cells]]
         text = json.dumps(what, sort_keys=True, default=list)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -239,7 +239,7 @@ class Study:
     @cached_property
     def _floors(self) -> dict[str, Rows]:
         """Rows of the floors that the study defines or reads from files, by name."""
-        floors = {name: tuple(map(_hashable, rows_as_text(rows))) for name, rows in self.floors.items()}
+        floors = {name: rows_as_text(rows) for name, rows in self.floors.items()}
         section = self._sections.get("floor", {})
         if "tiles" in section or "values" in section:
             section = {}
@@ -288,14 +288,6 @@ class Study:
                 raise
             texts = ", ".join(f"{k} = {value_as_text(v)}" for k, v in point.items())
             raise InputError(f"{error} (in the cell with {texts})") from None
-
-
-def _listed(row: Any) -> Any:
-    return row if isinstance(row, str) else list(row)
-
-
-def _hashable(row: Any) -> Any:
-    return row if isinstance(row, str) else tuple(row)
 
 
 def as_toml(values: Mapping[str, Any]) -> str:
