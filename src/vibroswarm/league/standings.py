@@ -89,12 +89,7 @@ def _entry_columns(entry: Entry, scenario: Scenario) -> dict[str, Any]:
 
 
 def units_of(runs: Runs, cells: pl.DataFrame, by: Sequence[str] = ()) -> pl.DataFrame:
-    """Return figures of runs, means over the floors and swarm sizes that are not told apart.
-
-    Args:
-        cells: from ``cell_table``. by: what is told apart: ``floor``, ``robots``, both, or nothing.
-    Returns: a row for each group, entry and run.
-    """
+    """Return figures of runs, means over the floors and swarm sizes that are not told apart."""
     keys = [*by, *cells.columns[3:], "run"]
     rows = runs.rows(*FIGURES).join(cells, on="cell", maintain_order="left")
     return rows.group_by(keys, maintain_order=True).agg(pl.col(FIGURES).mean())
@@ -115,15 +110,7 @@ def standing_table(units: pl.DataFrame, by: Sequence[str] = ()) -> pl.DataFrame:
 
 
 def difference_table(units: pl.DataFrame, reference: str | None = None) -> pl.DataFrame:
-    """Compare each entry with a reference, run by run.
-
-    Args:
-        reference: entry, or strategy, of which the first entry is taken; None: the first of all.
-    Returns: a row for each of ``COMPARED`` and entry: difference (entry - reference) with limits, and p_holm, corrected
-        over the entries. Empty for a single entry.
-    Raises:
-        InputError: no entry is so named.
-    """
+    """Compare each entry with a reference (entry, or strategy; None: the first), run by run, in ``COMPARED``."""
     entries = units.select("name", "strategy").unique(maintain_order=True)
     if reference is not None:
         check_choice(reference, "--reference", [*entries["name"], *entries["strategy"]])
@@ -142,11 +129,7 @@ def difference_table(units: pl.DataFrame, reference: str | None = None) -> pl.Da
 
 
 def belief_table(runs: Runs, cells: pl.DataFrame) -> pl.DataFrame:
-    """Return a row for each entry whose robots decided with a belief.
-
-    Args:
-        runs: of the league's study. cells: from ``standings.cell_table``.
-    """
+    """Return a row for each entry whose robots decided with a belief."""
     decision, below = pl.col("robot.decision"), pl.col("robot.belief_below")
     lists = "robot.decision", "robot.belief_below"
     robots = runs.rows("truth", *lists).explode(*lists).drop_nulls()

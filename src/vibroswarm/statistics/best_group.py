@@ -46,17 +46,14 @@ class BestGroup:
     member: NDArray[np.bool_]
     """Whether each contestant is in the best group, (contestants,)."""
     difference: Array
-    """Each contestant - best, with its lower and upper limit, (contestants, 3). Limits are infinite for too few
-    units."""
+    """Each contestant - best, with limits, (contestants, 3); infinite for too few units."""
 
 
 def best_group(figures: Array, units: int) -> BestGroup:
     """Compare contestants pairwise, see the head of this module.
 
     Args:
-        figures: column 0 has the estimates of the contestants, the others their bootstrap draws, (contestants, 1 +
-            draws); at least one contestant. Draws may be nan, estimates may not.
-        units: number of runs that were drawn from.
+        figures: estimates, then bootstrap draws, which may be nan, (contestants, 1 + draws). units: number of runs.
     """
     estimate, drawn = figures[:, 0], figures[:, 1:]
     best = int(estimate.argmin())
@@ -68,11 +65,7 @@ def best_group(figures: Array, units: int) -> BestGroup:
 
 
 def _margins(difference: Array, drawn: Array, units: int) -> Array:
-    """Return c_n s_ij of all pairs, (contestants, contestants).
-
-    Args:
-        difference: d_ij. drawn: m_i*, (contestants, draws). units: n.
-    """
+    """Return c_n s_ij of all pairs, (contestants, contestants)."""
     error, largest, pairs = np.zeros(difference.shape), np.full(drawn.shape[1], np.nan), 0
     for one in range(len(drawn) - 1):  # not all pairs at once, which may be many
         apart, own = drawn[one] - drawn[one + 1 :], difference[one, one + 1 :]
@@ -93,12 +86,7 @@ def _margins(difference: Array, drawn: Array, units: int) -> Array:
 
 
 def pareto_front(*figures: ArrayLike) -> NDArray[np.bool_]:
-    """Return which points are on the Pareto front, (points,).
-
-    Args:
-        figures: one or more figures of the points, (points,) each; less is better. A point with a figure of nan is not
-            on the front.
-    """
+    """Return which points are on the Pareto front, (points,): less is better in each figure; nan never is."""
     rows = np.column_stack([np.asarray(figure, dtype=np.float64) for figure in figures])
     front = np.zeros(len(rows), dtype=np.bool_)
     # By the first figure, at equal ones by the second and so on: no point is dominated by a later one only.

@@ -1,8 +1,5 @@
 """Compute whether a question can be decided at all: is the expected share of ones on the right side of the boundary?
 
-A bit is the 0 or 1 that a sample reads. The share of ones is on the right side if it is above the tested boundary
-where the fill ratio is above the boundary, and below where it is below.
-
 | name | symbol | equation |
 |---|---|---|
 | fill ratio, boundary | f, x | the question: is f above x? |
@@ -11,15 +8,9 @@ where the fill ratio is above the boundary, and below where it is below.
 | margin | - | q - q(x) where f > x, q(x) - q where f < x: above 0 is the right side |
 | samples needed | n | P(share of n independent bits is not on q's side of q(x)) <= error |
 
-With ``boundary_of = "readings"`` robots treat each bit as if the sensor made no errors: q(x) = x. If false positives
-and false negatives do not balance at the boundary, q is on the wrong side for fill ratios near the boundary, and **more
-samples make the wrong answer surer**. With ``boundary_of = "tiles"`` robots correct for the errors that they claim
-(``sensor.claimed_rates``, else the true ones), while q is always that of the true law. Then q is on the wrong side only
-if they claim or assume wrong error rates, or if vibration crosses the edges of this floor more, or less, than on an
-average random floor.
-
-All this is about a robot's own samples. Under soft or positive feedback robots also hear beliefs or decisions: these
-make the answer to which the samples lean, right or wrong, faster and surer, but do not change it.
+With ``boundary_of = "readings"`` q(x) = x: if the sensor's errors do not balance at the boundary, q is on the wrong
+side near it, and **more samples make the wrong answer surer**. With ``"tiles"`` robots correct for the errors that
+they claim; q is that of the true law. Feedback makes the answer to which own samples lean faster and surer, no other.
 """
 
 from __future__ import annotations
@@ -62,10 +53,7 @@ ON = 1e-9
 
 @dataclass(frozen=True)
 class Decidability:
-    """Whether the question can be decided from own samples.
-
-    The module's docstring explains the terms.
-    """
+    """Whether the question can be decided from own samples."""
 
     verdict: Word
     """On which side of the tested boundary the share of ones is, in a word."""
@@ -102,16 +90,12 @@ class Decidability:
 def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = None) -> Decidability:
     """Compute whether a scenario's question can be decided from the samples that its swarm will take.
 
-    The verdict is "not assessed" for a task other than ``fill_ratio``; and, unless the share of ones is on the right
-    side, for robots that weigh readings by error rates.
+    "not assessed" for a task other than ``fill_ratio``, and, unless the share of ones is on the right side, for robots
+    that weigh readings by error rates.
 
     Args:
-        scenario: its task, sensor, arena, floor and decision are used, and whether its strategy knows error rates.
         error: wanted probability of a wrong majority of bits, for ``samples_needed``.
-        floor: by default the floor of run 0 with seed 0, which stands for the scenario's other random floors, because
-            all have the same fill ratio (unless the arena's border cuts tiles off). At least a part of the floor must
-            lie in the arena; this is always true of the scenario's own floors. Of a floor that changes, the one at the
-            end of the run counts.
+        floor: by default that of run 0 with seed 0; of a floor that changes, the one at the end of the run counts.
     """
     floor, sensor = (floor or scenario.floor_for(0, 0)).at(scenario.run.t_end_s), scenario.sensor
     size = scenario.arena.size_m
@@ -167,12 +151,8 @@ def decidability_of_share(
     """Compute from a share of ones, measured or exact, whether the question can be decided.
 
     Args:
-        share: share of ones, 0 to 1. boundary: the tested boundary, with which robots compare the share of ones.
-        truth: 1 if the fill ratio is above the boundary of the question, 0 if it is below, None if it equals it.
-        effective_samples: number of independent samples behind a measured share, which need not be whole. It gives the
-            share an interval, and if there is a truth and this interval contains the boundary, the verdict is
-            "indistinguishable from the boundary". None or infinite: the share is exact and gets no interval.
-        level: of the share's interval. error: wanted probability of a wrong majority, for ``samples_needed``.
+        boundary: the tested boundary. truth: 1: the fill ratio is above the boundary of the question, 0: below.
+        effective_samples: independent samples behind a measured share, which give it an interval; None: it is exact.
     """
     low, high = None, None
     if effective_samples is not None and math.isfinite(effective_samples):
@@ -199,14 +179,10 @@ def decidability_of_share(
 
 
 def observed_share(tile: ArrayLike, bits: ArrayLike) -> float:
-    """Estimate the share of ones if each tile were sampled equally often, from the tiles that were sampled.
-
-    It is the mean over tiles of each tile's share of ones, so that unequal numbers of samples per tile do not matter;
-    nan without samples on tiles.
+    """Return the mean over sampled tiles of each tile's share of ones; nan without samples on tiles.
 
     Args:
-        tile: index of the tile of each sample, -1 off all tiles, where the sample is left out. bits: the bit of each
-            sample; both of shape (samples,).
+        tile, bits: tile (-1: none) and bit of each sample, (samples,).
     """
     tile_of, bit = np.asarray(tile, dtype=np.int64), np.asarray(bits, dtype=np.float64)
     on = tile_of >= 0

@@ -1,7 +1,6 @@
 """Figures of runs and of cells: each is declared here, once, and is then in tables, pages, pictures and comparisons.
 
-A figure of a run is one number for each run. The figure of a cell (one scenario, many runs) is made of them, with an
-interval that treats the run as the independent unit:
+A figure of a run is one number. That of a cell is made of its runs, which are the independent units:
 
 | kind | figure of a cell | interval |
 |---|---|---|
@@ -10,9 +9,8 @@ interval that treats the run as the independent unit:
 | robots | sum of a number of robots over runs / sum of another | Wilson, with an effective number of robots |
 | median | median over runs; a run without the figure counts as infinitely late | order statistics |
 
-Columns of the table of figures by run that are no figures of a cell themselves are numbers of robots: ``robots``, and
-of them ``right``, ``wrong``, ``undecided`` and ``decided`` (right or wrong). Right, wrong and decided are nan in runs
-without a truth: there the fill ratio lies on the boundary, so that neither decision is right.
+Numbers of robots (``robots``, right, wrong, undecided, and decided: right or wrong) stand beside them; right, wrong
+and decided are nan in runs without a truth, where the fill ratio lies on the boundary.
 """
 
 from __future__ import annotations
@@ -51,8 +49,7 @@ from vibroswarm.statistics.intervals import (
 COUNTS: Final = ("right", "wrong", "undecided")
 """Columns of the table of runs with numbers of robots."""
 STATED: Final = "stated"
-"""Column of the table of figures by run: number of robots that state the spread of their estimate. It is not one of
-``Swarms.counts``, which searches and leagues read of robots without spreads."""
+"""Column of the table of figures by run: number of robots that state the spread of their estimate."""
 
 
 WITHIN: Final = 1.6448536269514722
@@ -64,19 +61,16 @@ FOLLOWED: Final = (
     *("agreement_held", "right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
     *("change_time_error_s", "map_brier", "map_auc", "map_location_error_m", "detection_time_s"),
 )
-"""Columns of runs that only some have: of answers followed over time (``statistics.over_time``), and of maps
-(``statistics.map_figures``)."""
+"""Columns of runs that only some have: of answers and maps that are followed over time."""
 
 
 class Swarms:
-    """Runs and their robots, from which the figures of runs are computed. The robots of all runs are in one row.
+    """Runs and their robots, from which the figures of runs are computed; nan where a value is missing.
 
     Args:
-        robots: columns of the table of robots, (robots of all runs,) each, run by run; nan where a value is missing.
-        runs: columns of the table of runs, (runs,) each; ``consensus`` is an index into ``outcomes.CONSENSUS``.
-            ``agreement_held`` is 1 if opinions still agree at the end, 0 if not, and nan without an agreement.
-        first: (runs,): index of each run's first robot. t_end_s: end of the runs, s: one number, or one for each run.
-        costs: of ``outcomes.costs_of``, one table for all runs or one for each, (runs, answers, answers).
+        robots: columns of the table of robots, (robots of all runs,), run by run. runs: of the table of runs, (runs,);
+            ``consensus`` is an index into ``outcomes.CONSENSUS``. first: (runs,): index of each run's first robot.
+        t_end_s: one number, or one for each run. costs: of ``outcomes.costs_of``, ([runs,] answers, answers).
     """
 
     def __init__(
@@ -96,11 +90,7 @@ class Swarms:
     def of_tables(
         cls, robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, costs: Array | None = None
     ) -> Swarms:
-        """Read the tables of one cell, as a ``Result`` has them, in any order of rows.
-
-        Raises:
-            InputError: the tables have different runs, or a run occurs twice.
-        """
+        """Read the tables of one cell, as a ``Result`` has them, in any order of rows."""
         robots, runs = robots.sort("run", "robot"), runs.sort("run")
         number = robots["run"].to_numpy()
         # A run starts at row 0, if the table has rows, and wherever the run number changes.
@@ -118,13 +108,10 @@ class Swarms:
     def of_arrays(
         cls, robots: Columns, runs: Columns, t_end_s: ArrayLike, costs: Sequence[Array | None] = ()
     ) -> Swarms:
-        """Read arrays of runs whose swarms have the same size, possibly of several cells.
+        """Read arrays, (..., runs, robots) and (..., runs), of runs whose swarms have the same size.
 
         Args:
-            robots: columns of the table of robots, (..., runs, robots) each. runs: columns of the table of runs, (...,
-                runs) each, or (runs,) if all cells share the values.
-            t_end_s: end of a run, s: one number, or one for each cell in the shape of the leading axes.
-            costs: ``outcomes.costs_of`` of each cell, along the one leading axis; empty: two answers of equal costs.
+            t_end_s: one number, or one for each cell. costs: ``outcomes.costs_of`` of each cell, along the first axis.
         """
         shape = robots["decision"].shape
         end_s = np.broadcast_to(np.asarray(t_end_s, dtype=np.float64)[..., None], shape[:-1])
@@ -203,8 +190,7 @@ class RunFigure:
     of_run: Callable[[Swarms], Array]
     """Computes it for each run, (runs,); nan in runs that do not have it."""
     kind: str = "mean"
-    """How runs make it a figure of a cell: "mean", "rate" (of events), "share" (of robots), "runs", "robots" or
-    "median"."""
+    """How runs make it a figure of a cell: "mean", "rate", "share", "runs", "robots" or "median"."""
     better: int = 0
     """1 if larger values are better, -1 if smaller values are, 0 if neither: then it cannot be compared."""
     unit: str = ""
@@ -219,8 +205,7 @@ class RunFigure:
     """Whether cells are compared by it unless other figures are asked for."""
     least: float = -math.inf
     most: float = math.inf
-    """Values that a mean can have at least and at most; its limits stay within. Times from 0 on (unit s, ``least`` 0)
-    are at most the end of a run."""
+    """Values that a mean can have at least and at most; times are at most the end of a run."""
 
     @property
     def by_run(self) -> str:
@@ -252,14 +237,7 @@ class RunFigure:
         return width if math.isfinite(width) else math.nan
 
     def mean(self, by_run: ArrayLike, level: float = 0.95, t_end_s: float = math.nan) -> Interval:
-        """Average it over runs, with Student's limits, which stay within what a mean can be.
-
-        Where few runs differ, limits are at least those of rare events (``intervals.allowing_for_rare``).
-
-        Args:
-            by_run: values of the runs; nan is left out. level: confidence level. t_end_s: end of the runs, s; nan: not
-                known, then limits of times may be later.
-        """
+        """Average it over runs, with Student's limits within what a mean can be, see ``intervals.bounded_mean``."""
         if self.is_share:
             return bounded_mean(by_run, 0.0, 1.0, level)
         is_time = self.unit == "s" and self.least == 0.0
@@ -504,14 +482,11 @@ def figures_of(swarms: Swarms) -> dict[str, Array]:
 def run_figures(
     robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, costs: Array | None = None
 ) -> pl.DataFrame:
-    """Compute one row of figures for each run, sorted by run.
+    """Compute one row of figures for each run, sorted by run; null where a run does not have one.
 
     Args:
-        robots, runs: tables of one cell, as a ``Result`` has them; the same runs in both. t_end_s: end of a run, s.
+        robots, runs: tables of one cell, as a ``Result`` has them. t_end_s: end of a run, s.
         costs: of the cell's scenario, ``outcomes.costs_of``; None: two answers, mistakes that cost the same.
-    Returns: run, truth, consensus, numbers of robots, and a column for each figure; null where a run does not have it.
-    Raises:
-        InputError: the tables have different runs, or a run occurs twice.
     """
     swarms = Swarms.of_tables(robots, runs, t_end_s, costs)
     columns = [pl.Series(name, values, nan_to_null=True) for name, values in figures_of(swarms).items()]
@@ -540,11 +515,7 @@ def cell_figures(by_run: ByRun, t_end_s: float, level: float = 0.95) -> dict[str
 
 
 def interval(name: str, by_run: ByRun, level: float = 0.95, t_end_s: float = math.nan) -> Interval:
-    """Compute a figure of a cell, with its limits, from the figures of its runs.
-
-    Args:
-        t_end_s: the end of a run, s, which rates of events and limits of times need.
-    """
+    """Compute a figure of a cell, with its limits, from the figures of its runs; t_end_s: end of a run, s."""
     figure = BY_NAME[name]
     columns = [numbers(pl.Series(by_run[column])) for column in figure.read]
     if figure.kind == "robots":

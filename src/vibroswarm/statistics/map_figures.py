@@ -69,8 +69,7 @@ def map_figures(
     """Return the table ``MAP_FIGURES`` of runs, of a scenario that ``keeps_map``.
 
     Args:
-        swarm: state of all robots at the end of the runs. floors: by number of the run. end_s: of each run, (runs,).
-        samples: run, robot, time_s and belief_below of each sample, by run, robot and time.
+        swarm: at the end. end_s: (runs,). samples: run, robot, time_s and belief_below, by run, robot and time.
     """
     runs, robots = len(floors), scenario.swarm.robots
     if scenario.strategy.name in WITH_MAP:
@@ -94,10 +93,7 @@ def map_figures(
 def detection_times_s(
     scenario: Scenario, floors: Mapping[int, Floor], end_s: NDArray[np.float64], samples: pl.DataFrame
 ) -> dict[int, float]:
-    """Return the time to detection of the runs in which there is something to detect, by number of the run, s.
-
-    The arguments are those of ``map_figures``.
-    """
+    """Return the time to detection (s) of runs in which there is something to detect, by number of the run."""
     truth = fills_and_truth(scenario, floors, list(floors), end_s)[1]
     damaged = [run for run, right in zip(floors, truth.tolist(), strict=True) if right == 1.0]
     known = samples.filter(pl.col("belief_below").is_not_null() & pl.col("belief_below").is_not_nan())
@@ -126,19 +122,11 @@ MAPS: Final[dict[str, Any]] = {
     "spread": pl.Float64,
     "vibrates": pl.UInt8,
 }
-"""One row per run, robot (null: pooled) and tile. ``row``, ``column``: of the tile, rows from the top. ``vibrating``:
-belief that the tile vibrates; ``spread``: its standard deviation; ``vibrates``: 1 if the tile vibrates at the end of
-the run, else 0."""
+"""One row per run, robot (null: pooled) and tile; ``vibrating``: belief, ``spread``: of it, ``vibrates``: truth."""
 
 
 def floor_maps(result: Result) -> pl.DataFrame:
-    """Return the robots' maps and the pooled map at the end of each run: a table with the columns ``MAPS``.
-
-    Results do not hold maps, so the strategy is replayed.
-
-    Args:
-        result: simulated to its end, of a strategy in ``WITH_MAP``.
-    """
+    """Return the robots' maps and the pooled map at the end of each run (``MAPS``), by replaying the strategy."""
     scenario, robots = result.scenario, result.scenario.swarm.robots
     timeline = timeline_of(scenario, Motion(samples=result.motion, ends=result.ends, moves=result.moves))
     runs = timeline.rows.runs.tolist()
@@ -165,13 +153,7 @@ def floor_maps(result: Result) -> pl.DataFrame:
 
 
 def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the maps of one run at several times.
-
-    Args:
-        result: simulated to its end, of a strategy in ``WITH_MAP``. run: number of a run of this result. time_s: times
-            of the maps, s, (times,).
-    Returns: beliefs that each tile vibrates, (times, robots + 1, tiles); the last entry of axis 1 is the pooled map.
-    """
+    """Return the maps of one run at times (s), (times, robots + 1, tiles); the last robot is the pooled map."""
     scenario = result.scenario
     samples, ends = result.motion.filter(run=run), result.ends.filter(run=run)
     moves = None if result.moves is None else result.moves.filter(run=run)
@@ -213,11 +195,7 @@ SURE: Final = 0.95
 
 
 def map_scores(p: Values, floor: Floor) -> dict[str, float]:
-    """Return the scores of one map by name.
-
-    Args:
-        p: probability of each tile, (tiles,).
-    """
+    """Return the scores of one map by name, from the probability of each tile, (tiles,)."""
     x = floor.tiles.ravel().astype(np.float64)
     told = np.where(x == 1, p, 1.0 - p)
     return {
@@ -251,12 +229,9 @@ def _location_error_m(p: Values, x: Values, floor: Floor) -> float:
 
 
 def calibration(p: Values, x: Values) -> pl.DataFrame:
-    """Return a row for each bin of probability: tiles, mean probability, share that vibrates with Wilson's limits.
+    """Return a row for each bin of probability: tiles, mean probability, share that vibrates, with Wilson's limits.
 
     The limits are those of independent tiles, which tiles of one map, or of several maps of one floor, are not.
-
-    Args:
-        p, x: probability and truth of tiles, of one map or many, (tiles,) each.
     """
     bin_of = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
     rows = []

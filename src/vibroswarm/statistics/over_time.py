@@ -1,9 +1,8 @@
-"""Judge answers by the truth at their time, on floors that change.
+"""Judge answers by the truth at their time, on floors that change; and what robots reported over time.
 
 | name | definition |
 |---|---|
-| swarm's answer | the answer on which all robots agreed last; before they first agree the one that the task presumes \
-(``tasks.base``), if any |
+| swarm's answer | the answer on which all robots agreed last; before that the one that the task presumes, if any |
 | right at the decision | share of the robots whose last answer was right when it was given |
 | share of the time | mean over robots: of the time in which an answer is right, the share in which theirs was |
 | delay | from a change of the truth until the swarm's answer is the new truth, at most to the next change or to the \
@@ -11,29 +10,14 @@ end of the run; mean over the changes of the run, without those at which it was 
 | false changes | how often an hour the swarm's answer, which was right, became one that was not, at the same truth |
 | error of the time | distance of the time of a change that robots report (``changed_s``) from the true one; mean over \
 right answers after a change |
+| agreement lasted | share of the runs with an agreement in which opinions still agreed at the end of the run |
 
 Where each robot is asked anew after its answer 1 (``tasks.base``), the truth is its own, and so are delay and false
 changes, as means over changes and over robots: from the change until its answer becomes 1, and how often it does so
 where nothing has changed since its last. Right at the decision is then its last answer 1, if it has given one.
 
-A robot's answer is its decision or, in strategies that decide by opinions, its opinion, from the sample at which it
-came to it. Robots with faults do not count, unless all robots of the run have faults. Undecided robots are not right.
-The delay is that of the present run: no model is fitted, and a swarm that never answers anew counts with all its time.
-
-Also on what swarms agreed, and whether agreements lasted, on floors on which no answer is right too:
-
-| name | definition |
-|---|---|
-| agreed on 0, 1 | share of all runs in which every robot made this decision |
-| split, incomplete | share of runs in which decisions differ, or a robot is undecided |
-| agreement lasted | share of the runs with an agreement in which opinions still agreed at the end of the run |
-
-On a floor whose fill ratio equals the boundary, or for a task without a right answer, these shares are the outcome:
-does a swarm break the tie, on which side, and does it stay there?
-
-Decisions of most strategies are final, or are those at the end of the run. In strategies that decide by opinions
-(``Strategy.decides``) the swarm has decided when its opinions have agreed for ``decision.hold_s``, but opinions may
-change after that. Opinions of robots with faults do not count, unless all robots of the run have faults.
+An answer is a decision or, in strategies that decide by opinions (``Strategy.decides``), an opinion. Robots with faults
+do not count, unless all of the run have faults. Undecided robots are not right.
 """
 
 from __future__ import annotations
@@ -65,19 +49,12 @@ from vibroswarm.strategies.base import arrays_of
 
 
 def may_change(scenario: Scenario) -> bool:
-    """Return whether opinions may change after the swarm has decided.
-
-    A run that stops when all have decided ends with the agreement, so that nothing is known of what comes after it.
-    """
+    """Return whether opinions may change after the swarm has decided, in runs that go on."""
     return scenario.strategy.entry.decides == "opinion" and scenario.run.stop == "t_end"
 
 
 def agreement_held(swarm: Swarm, runs: int) -> Array:
-    """Return whether opinions still agree at the end with what all robots decided, (runs,); nan if they did not.
-
-    Args:
-        swarm: state of all robots at the end of the runs. runs: their number.
-    """
+    """Return whether opinions still agree at the end with what all robots decided, (runs,); nan if they did not."""
     decision, opinion = (swarm.agents[name].reshape(runs, -1) for name in ("decision", "opinion"))
     works = swarm.failures["works"].reshape(runs, -1) == 1
     agreed = (decision != -1).all(axis=1) & (decision == decision[:, :1]).all(axis=1)
@@ -147,7 +124,7 @@ def course_of(
     """Return the answers of a run over time.
 
     Args:
-        robot, time_s, decision: (samples,), of the run, in the order of time; -1: undecided. counts: (robots,).
+        robot, time_s, decision: (samples,), in the order of time; -1: undecided. counts: which robots do, (robots,).
         changed_s: (samples,), when the floor changed, as robots report it, nan: it has not; None: they do not.
     """
     robots: list[list[Answer]] = [[] for _ in counts]
@@ -262,9 +239,8 @@ def answers_table(
     """Return the table ``ANSWERS`` of runs.
 
     Args:
-        seed: of the runs; None for recordings, whose robots all count. floors: by number of the run.
-        samples: columns run, robot, time_s and decision of all samples, run by run in the order of time, and
-            changed_s if robots report it. end_s: (runs,), end of each run, in the order of ``floors``.
+        seed: None for recordings, whose robots all count. floors, end_s: of each run.
+        samples: run, robot, time_s, decision and, if robots report it, changed_s, run by run in the order of time.
     """
     counts = np.ones((len(floors), scenario.swarm.robots), dtype=np.bool_)
     if scenario.faults.kinds and seed is not None:
@@ -297,10 +273,7 @@ def answers_in(result: Result) -> pl.DataFrame:
 
 
 def reports_over_time(result: Result, run: int = 0) -> pl.DataFrame:
-    """Return what the robots of a run reported over time: name, robot, time_s, value; null values are left out.
-
-    Places of an array have names such as ``trust 3``. Arrays that are reported at the end of a run only are left out.
-    """
+    """Return what robots reported over time, not null; places of an array have names such as ``trust 3``."""
     columns = ("name", "robot", "time_s", "value")
     if result.reports is None:
         return pl.DataFrame(

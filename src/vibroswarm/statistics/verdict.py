@@ -149,11 +149,7 @@ def _scores(result: Result, run: int) -> dict[str, Any]:
 
 
 def mean_over_time(floor: Floor, end_s: float, expected: Callable[[Floor], Any]) -> Any:
-    """Return what is expected on a floor, as a mean over the time of the run if the floor changes.
-
-    Args:
-        end_s: end of the run. expected: a number or an array, of a floor that stays.
-    """
+    """Return what is expected on a floor, as a mean over the time of the run if the floor changes."""
     if not floor.is_changing:
         return expected(floor)
     stages = [(since_s, stage) for since_s, stage in floor.stages() if since_s < end_s]
@@ -176,14 +172,7 @@ WITHIN_95: Final = 1.959963984540054
 
 
 def _robot(row: dict[str, Any], by_counts: bool) -> RobotVerdict:
-    """Summarise one robot from its row of the table of robots.
-
-    Args:
-        row: values by column name. ``alpha`` or ``beta`` is None in a recording without them, and for a strategy
-            without a posterior.
-        by_counts: whether robots estimate by their counts, if they have any; a strategy may report an estimate of its
-            own with a spread, also beside counts.
-    """
+    """Summarise one robot from its row; ``by_counts``: it has no estimate of its own, and is judged by its counts."""
     from scipy.special import betaincinv
 
     alpha, beta, belief = row["alpha"], row["beta"], row["belief_at_decision"]
@@ -217,21 +206,14 @@ def strategy_name(name: str) -> str:
 
 
 def decision_words(decision: int | None, answers: tuple[str, ...]) -> str:
-    """Return the meaning of a decision in words; "undecided" for -1, "not logged" for None.
-
-    Args:
-        answers: meaning of decisions 0, 1 and so on, from ``answers_of``.
-    """
+    """Return the meaning of a decision in words; "undecided" for -1, "not logged" for None."""
     if decision is None:
         return "not logged"
     return "undecided" if decision == -1 else answers[decision]
 
 
 def estimates_in_words(found: Verdict) -> tuple[str, str]:
-    """Return the range of the robots' estimates of what the task asks for, and a sentence on how good they are.
-
-    The range is empty if there are none.
-    """
+    """Return the range of the robots' estimates, empty if there are none, and a sentence on how good they are."""
     estimates = [robot.estimate for robot in found.robots if robot.estimate is not None]
     if not estimates or found.estimate_error is None:
         return "", "no robot has estimated it."
@@ -266,11 +248,7 @@ COUNTED: Final = {
 
 
 def gate_unreached(scenario: Scenario, robots: pl.DataFrame) -> str:
-    """Return a sentence if no robot had enough observations to decide; empty if one had, or if there is no such gate.
-
-    Args:
-        robots: of the table of robots, at the end.
-    """
+    """Return a sentence if no robot had enough observations to decide; empty if one had, or there is no gate."""
     rule = scenario.decision
     if scenario.task.asks_number or "min_observations" not in fields_read(scenario.strategy.entry):
         return ""

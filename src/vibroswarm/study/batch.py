@@ -1,12 +1,7 @@
-"""Simulate some runs of cells that share their motion, which is simulated once.
+"""Simulate some runs of cells that share their motion, which is simulated once, as are readings of a floor and sensor.
 
-Readings are taken once for each floor and sensor, and each strategy is replayed on them. The frame has a row for each
-scenario and run: its outcome, how its robots sampled, its figures (``statistics.figures``), and columns ``robot.*``
-with a list of one value for each robot. If runs end when all robots have decided, or a strategy steers, the motion
-depends on decisions, and only equal scenarios share it.
-
-A run fails if its source of motion gives it up; MuJoCo does so when a number is no longer finite. Its robots stand from
-then on, and count as undecided; the columns ``failed_s`` and ``failed`` say since when, and why.
+If runs end when all robots have decided, or a strategy steers, only equal scenarios share motion. Robots of a run that
+its source of motion gives up stand from then on, and count as undecided (columns ``failed_s``, ``failed``).
 """
 
 from __future__ import annotations
@@ -133,11 +128,7 @@ def block_size(scenarios: Sequence[Scenario], motion: str, runs: int) -> int:
 
 
 def simulate_runs(task: Task) -> pl.DataFrame:
-    """Simulate the runs of a task; the frame has a row for each scenario and run.
-
-    Raises:
-        CodeError: user code failed. RunError: this worker has another version of the code.
-    """
+    """Simulate the runs of a task: a row for each scenario and run; CodeError if user code failed."""
     if (here := versions()["code"]) != task.made_by:
         raise RunError(
             f"a worker has other code ({here}, not {task.made_by}); install the same version there"
@@ -169,11 +160,7 @@ def _simulated(scenarios: Mapping[str, Scenario], task: Task) -> Iterator[pl.Dat
 
 
 class _SharedMotion:
-    """The motion of some runs, and what is computed once for all floors, sensors and strategies.
-
-    Args:
-        scenario: one of those that have this motion.
-    """
+    """The motion of some runs, and what is computed once for all floors, sensors and strategies."""
 
     def __init__(self, scenario: Scenario, motion: Motion, seed: int, runs: range) -> None:
         self.motion, self.seed, self.runs = motion, seed, runs

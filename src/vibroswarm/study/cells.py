@@ -60,13 +60,7 @@ MOST: Final = 100_000
 
 
 def points_of(blocks: Mapping[str, Any]) -> list[Point]:
-    """Return every combination of the points of all blocks, those of the last fastest; without blocks an empty one.
-
-    Args:
-        blocks: as TOML gives them, by the names of ``BLOCKS``, in the order in which they are written.
-    Raises:
-        InputError: an unknown block or field, or a field in two blocks.
-    """
+    """Return every combination of the points of all blocks, those of the last fastest; without blocks an empty one."""
     check_known_keys(blocks, "study", BLOCKS)
     parts = [_points_in(name, block) for name, block in blocks.items()]
     fields = Counter(field for part in parts for field in {field for point in part for field in point})
@@ -86,13 +80,7 @@ def _points_in(name: str, block: Any) -> list[Point]:
 
 
 def fields_in(block: Mapping[str, Any], name: str, may_have: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return the fields of a block by their dotted names; nested tables are flattened.
-
-    Args:
-        name: of the block, for messages. may_have: keys that are allowed besides ``preset`` and fields of a scenario.
-    Raises:
-        InputError: a field does not exist.
-    """
+    """Return the fields of a block by their dotted names; nested tables are flattened."""
     known, fields = {*field_types(), PRESET, *may_have}, dict[str, Any]()
     for key, value in block.items():
         if key in known:
@@ -117,13 +105,7 @@ def _values(field: str, given: Any) -> list[Any]:
 
 
 def bounds_of(given: Any, field: str) -> tuple[float, float, str, bool]:
-    """Return the ends of a range, its scale (``linear`` or ``log``), and whether its numbers are whole.
-
-    If the range does not say ``whole``, its numbers are whole if both ends are integers and the field holds integers.
-
-    Raises:
-        InputError: it is not a range, or a part of it is wrong.
-    """
+    """Return the ends of a range, its scale, and whether its numbers are whole: as stated, or as the field's."""
     check_kind(given, Mapping, field, "a range; write {from = 1, to = 2}")
     check_known_keys(given, field, ("from", "to", "steps", "scale", "whole"))
     low, high = (number_of(given.get(end), f"{field}.{end}", -1e150, 1e150) for end in ("from", "to"))
@@ -137,10 +119,7 @@ def bounds_of(given: Any, field: str) -> tuple[float, float, str, bool]:
 
 
 def value_between(low: float, high: float, scale: str, whole: bool, u: float) -> float | int:
-    """Return the value at the fraction ``u``, 0 to 1, of a range whose scale is ``linear`` or ``log``.
-
-    It is rounded to a whole number, or else to 15 significant digits, so that 0.1 + 0.2 is written 0.3.
-    """
+    """Return the value at the fraction ``u`` of a range, whole or to 15 digits, so that 0.1 + 0.2 is written 0.3."""
     if u in (0.0, 1.0):  # exactly as they are written
         value = low if u == 0.0 else high
     else:
@@ -162,13 +141,7 @@ def value_as_text(value: Any, digits: int = 6) -> str:
 
 
 def names_of(points: Sequence[Mapping[str, str]], strategies: Sequence[str]) -> list[str]:
-    """Name the cells of a study by label, or by varied values, or by strategy; equal names get the cell's number.
-
-    A label that several cells have is followed by the values that cells with this label differ in.
-
-    Args:
-        points: the varied values of each cell as text. strategies: name of each cell's strategy.
-    """
+    """Name cells by label and what else differs, by varied values, or by strategy; equal names get a number."""
     names = []
     for point, strategy in zip(points, strategies, strict=True):
         if LABEL in point:

@@ -76,14 +76,7 @@ def detection_study(
     runs: int = 300,
     seed: int = 1,
 ) -> Study:
-    """Return the study of random floors of these fill ratios with these numbers of robots.
-
-    Args:
-        robots: by default ``TIMES_ROBOTS`` times the scenario's number.
-        fills: by default those of ``fills_around``. False alarms need some below the boundary.
-    Raises:
-        InputError: the scenario asks another question than the fill ratio, its floor changes, or a value is wrong.
-    """
+    """Return the study of random floors (``fills_around``) with these numbers of robots (``TIMES_ROBOTS``)."""
     if scenario.task.name != "fill_ratio":
         raise InputError(f"must be fill_ratio to detect, not '{scenario.task.name}'", field="task.name")
     if scenario.change.is_given:
@@ -96,11 +89,7 @@ def detection_study(
 
 
 def detection_of(runs: Runs, error: float = 0.05, false_alarms: float | None = None) -> Detection:
-    """Return what the runs of a ``detection_study`` say.
-
-    Args:
-        error: tolerated probability of a miss. false_alarms: that of a false alarm; by default ``error``.
-    """
+    """Return what the runs of a ``detection_study`` say, for tolerated probabilities of misses and false alarms."""
     scenario, alarms = runs.cells[0].scenario, error if false_alarms is None else false_alarms
     runs.check_complete()
     cells = [runs.tables(cell) for cell in runs.cells]
@@ -159,17 +148,9 @@ def detection_curve(
     horizons_s: ArrayLike | None = None,
     level: float = 0.95,
 ) -> pl.DataFrame:
-    """Tabulate misses and false alarms of each cell at each horizon.
+    """Tabulate misses and false alarms of each cell at each horizon, by default ``HORIZONS`` of them, with limits.
 
-    Args:
-        cells: for each cell its table of robots and its table of runs. t_end_s: end of all runs, s.
-        horizons_s: times up to ``t_end_s``, s; by default ``HORIZONS`` evenly spaced times.
-        level: confidence level of the intervals.
-    Returns: one row per cell and horizon, sorted by robots, fill_ratio and horizon_s. Columns: fill_ratio, truth (1:
-        above the boundary, 0: below, null: neither, or different in different runs), robots (number of robots in a
-        run), runs (number of runs), horizon_s, and the shares missed, wrong, false_alarm, robots_missed, robots_wrong
-        and robots_false_alarm, each with ``_low`` and ``_high``. All shares are null if no run has a truth; false
-        alarms are null unless truth is 0.
+    Columns are null where they do not apply: all shares without a truth, false alarms unless truth is 0 (below).
     """
     # By default without a horizon at 0, when no robot has decided.
     horizons = np.linspace(0, t_end_s, HORIZONS + 1)[1:] if horizons_s is None else horizons_s
@@ -215,17 +196,9 @@ def needed(
 ) -> pl.DataFrame:
     """Compute for each cell the first time at which the upper limit of its misses is below ``error``.
 
-    Args:
-        cells: for each cell its table of robots and its table of runs. t_end_s: end of all runs, s.
-        error: wanted rate of misses, above 0 and below 1.
-        level: confidence level of the limits.
-        false_alarms: wanted rate of false alarms; by default ``error``.
-    Returns: one row per cell, sorted by fill_ratio and robots. Columns: fill_ratio, truth, robots, runs; needed_s, the
-        time (null: none by t_end); missed and missed_high, the share of misses at t_end and its upper limit; fewest,
-        whether this cell has the smallest number of robots, of the cells of its fill ratio that have a needed_s.
-        Columns that are null unless truth is 0:
-        false_alarm and false_alarm_high, the share of false alarms at t_end and its upper limit; clear_until_s, the
-        first time at which this limit is too high (0: from the start; null: never by t_end).
+    Returns: fill_ratio, truth (1: above the boundary, 0: below), robots, runs; needed_s (null: none by t_end); missed
+        at t_end, and its upper limit; fewest, the smallest swarm of its fill ratio with a needed_s; where truth is 0,
+        false_alarm at t_end, its upper limit, and clear_until_s (0: from the start; null: never by t_end).
     """
     alarm_rate = error if false_alarms is None else false_alarms
     rows = []
@@ -260,15 +233,9 @@ def _fewest(time: str, *cells: str) -> pl.Expr:
 
 
 def pairs(found: pl.DataFrame) -> pl.DataFrame:
-    """Compute when a floor above the boundary is distinguished from a floor below it at the wanted rates.
+    """Compute when a floor above the boundary is distinguished from one below, from the table of ``needed``.
 
-    Args:
-        found: table from ``needed``.
-    Returns: one row for each pair of floors and each number of robots that both floors have in ``found``. Columns, by
-        the first three of which the rows are sorted: fill_ratio (of the floor above the boundary), fill_ratio_below (of
-        the floor below it), robots, time_s, and fewest (whether this is the smallest number of robots with a time_s,
-        for these two floors). time_s is needed_s of the floor above the boundary; it is null unless that time is before
-        clear_until_s of the floor below it (null there: never too many false alarms).
+    time_s is needed_s of the floor above; null unless that is before clear_until_s of the floor below.
     """
     above = found.filter(pl.col("truth") == 1).select("fill_ratio", "robots", "needed_s")
     below = found.filter(pl.col("truth") == 0).select(

@@ -1,11 +1,8 @@
 """Run until a figure is precise enough: its interval is computed ("a look") after 100, 200, 400, ... runs.
 
 Looking repeatedly is corrected for. The interval of look k = 1, 2, ... has the level 1 - a_k with
-a_k = (1 - level) 6 / (pi k)^2 (1). The a_k sum to 1 - level, so all intervals together hold at the level, whatever the
-number of looks. So the last interval is valid, although it was chosen because it was the first that is narrow enough.
-Runs that are nearly alike have a narrow interval, whatever rarely happens. So the runs of a mean must also be so many
-that the upper limit of what happened in none of them, times how far runs can be apart, if this is known, is within the
-precision. Cells that share motion need no more runs once the figure is precise enough in each of them.
+a_k = (1 - level) 6 / (pi k)^2 (1). The a_k sum to 1 - level, so all intervals together hold at the level. Runs of a
+mean must also be so many that what happened in none of them cannot move it by more than the precision.
 """
 
 from __future__ import annotations
@@ -49,11 +46,8 @@ class Precision:
     """The wanted half-width of a figure's interval, and the most runs that may be made for it.
 
     Args:
-        half_width: between 0 and 1; relative to the figure for a time and a number of messages, absolute for the
-            others (0.02 of a share is two percentage points).
+        half_width: between 0 and 1; relative to the figure for a time and a number of messages, else absolute.
         figure: one of ``FIGURES``. max_runs: most runs of a cell.
-    Raises:
-        InputError: one of them is wrong.
     """
 
     half_width: float
@@ -98,11 +92,7 @@ class Precision:
     def reached(self, found: Interval, t_end_s: float) -> bool:
         """Return whether an interval is narrow enough; one of width 0 is not, as it comes from too few data.
 
-        Nor are the limits of a mean that values which did not occur may move further: of 100 runs that end within 50 s
-        of each other, none may be one of the 1 % in which robots stay undecided.
-
-        Args:
-            found: interval of the figure, over runs. t_end_s: end of the runs, s.
+        Nor is that of a mean if values that did not occur, up to ``t_end_s`` (s) away, could move it further.
         """
         figure, width = figures.BY_NAME[self.figure], found.high - found.low
         is_relative = figure.unit == "s" or self.figure == "sent"

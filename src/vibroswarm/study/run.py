@@ -1,8 +1,7 @@
-"""The one loop over runs: blocks that are missing are submitted to an executor, and saved as they finish.
+"""The one loop over runs: blocks that are missing are submitted to any executor, and saved as they finish.
 
-Any executor of ``concurrent.futures`` will do. Threads are the default, since kernels release the GIL; no result
-depends on the executor. Blocks are taken in random order, and skipped if another process has written them: the same
-command on several machines with one folder shares the work.
+Blocks are taken in random order, and skipped if another process has written them: the same command on several machines
+with one folder shares the work. No result depends on the executor.
 """
 
 from __future__ import annotations
@@ -175,13 +174,7 @@ def do_all(
     *arguments: Any,
     is_done: Callable[[T], bool] = lambda task: False,
 ) -> None:
-    """Call a function with each task, and further arguments, in the pool; take the results as they finish.
-
-    Args:
-        is_done: asked before a task is submitted; those that are done are skipped.
-    Raises:
-        RunError: the workers are gone. Errors of the function are raised as they are.
-    """
+    """Call a function with each task that is not done, and further arguments; take results as they finish."""
     left, pending = list(reversed(tasks)), dict[Future[R], T]()
     try:
         while left or pending:
@@ -206,11 +199,7 @@ def pool_for(executor: str | Executor = "threads", workers: int | None = None) -
     """Start workers, and stop them at the end; an executor of the caller is used and not shut down.
 
     Args:
-        executor: ``threads``, ``processes``, ``dask://HOST:PORT``, or an ``Executor``.
-        workers: number of threads or processes; None: one for each processor.
-    Raises:
-        InputError: there is no such executor, or Dask is not installed. RunError: no Dask scheduler answers, or it has
-            no workers.
+        executor: ``threads``, ``processes``, ``dask://HOST:PORT``, or an ``Executor``. workers: by default all processors.
     """
     count = workers or processors()
     if isinstance(executor, Executor):

@@ -100,10 +100,7 @@ class Runs(NotebookView):
 
     @cached_property
     def settled(self) -> dict[int, Settled]:
-        """The last look at each cell, by its number; none without a precision, or before the first look.
-
-        Cells that share motion are looked at together until the figure is precise enough in all of them.
-        """
+        """The last look at each cell, by its number; cells that share motion are looked at together."""
         if self.whole is not None:
             return self.whole.settled
         if (until := self.until) is None:

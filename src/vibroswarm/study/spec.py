@@ -68,7 +68,7 @@ class Study:
 
     Args:
         base: a ``Scenario``, or sections of one as in its file, which may name a ``preset``.
-        vary: blocks of varied fields, see ``factors``; empty: one cell.
+        vary: blocks of varied fields, see ``cells``; empty: one cell.
         runs: number of runs of each cell; None if ``until`` is given.
         until: runs are added until the interval of a figure is this narrow, see ``precision``.
         seed: the seed, which is the same for all cells.
@@ -130,13 +130,7 @@ class Study:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any], *, folder: str | Path | None = None) -> Study:
-        """Make a study from the values of its TOML.
-
-        Args:
-            folder: where the floor files and the code files are that the study names.
-        Raises:
-            InputError: something is wrong.
-        """
+        """Make a study from the values of its TOML."""
         folder = None if folder is None else Path(folder)
         check_known_keys(values, "study", KEYS)
         with plugins.search_beside(folder):
@@ -193,11 +187,7 @@ class Study:
 
     @classmethod
     def open(cls, folder: Path) -> tuple[Study, Runs]:
-        """Return the study in a folder, and its runs that are there.
-
-        Raises:
-            InputError: the folder holds no study.
-        """
+        """Return the study in a folder, and its runs that are there."""
         read_manifest(folder, "study")
         study = cls.read(folder / MARKER)
         return study, opened(study.cells, folder=folder, **study._settings)
@@ -255,11 +245,7 @@ class Study:
         return floors
 
     def _base(self, preset: dict[str, Any], values: Mapping[str, Any]) -> Scenario:
-        """Return the scenario in which a point replaces values.
-
-        Args:
-            preset: of the point, by ``PRESET``; empty: the study's own. values: that are replaced already.
-        """
+        """Return the scenario in which a point replaces the preset and values."""
         base = with_fields(_copied(self._sections) | preset, values)
         floor = base.get("floor", {})
         if "tiles" not in floor and "values" not in floor and floor.get("source") in self._floors:

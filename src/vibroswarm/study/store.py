@@ -59,11 +59,7 @@ def _hash(data: bytes) -> str:
 
 
 class Store:
-    """Blocks of one seed, source of motion and version of the code.
-
-    Args:
-        folder: of the study; None: a temporary one, removed with the object.
-    """
+    """Blocks of one seed, source of motion and version of the code; without a folder in a temporary one."""
 
     def __init__(self, folder: Path | None, seed: int, motion: str) -> None:
         if folder is None:
@@ -170,10 +166,7 @@ class Store:
 
 
 def key_of(scenario: Scenario, motion: str = "event") -> str | None:
-    """Return what files know a scenario by: its hash, and that of code that a program registered.
-
-    Returns: None if such code has no source text, so that its runs cannot be known again.
-    """
+    """Return what files know a scenario by: its hash, and that of registered code; None if that has no source text."""
     sources = registered_sources([scenario], motion)
     if None in sources.values():
         return None
@@ -183,13 +176,7 @@ def key_of(scenario: Scenario, motion: str = "event") -> str | None:
 def registered_sources(
     scenarios: Iterable[Scenario], motion: str = "", method: str = ""
 ) -> dict[str, str | None]:
-    """Return a hash of the source text of all that is selected and has no file of its own, by kind and name.
-
-    It is the text of the module that defines it; None if that has none. What belongs to this package is left out.
-
-    Args:
-        motion, method: name of the source of motion, and of the method of search.
-    """
+    """Return a hash of the module's source text, or None, of all that is selected and has no file of its own."""
     selected = {(one.kind, one.selected) for scenario in scenarios for one in scenario.choices}
     found: dict[str, str | None] = {}
     for kind, name in sorted(selected | {("motion", motion), ("method", method)}):
@@ -237,14 +224,7 @@ class Verified:
 def verify(
     folder: str | Path, runs: int = 20, seed: int = 1, progress: Callable[[float], None] = lambda share: None
 ) -> Verified:
-    """Simulate a sample of the saved runs in a folder, and in those within, again.
-
-    Args:
-        folder: of a study, or of anything that holds studies. runs: number that is drawn. seed: of the draw.
-        progress: called with the share of the runs that is done.
-    Raises:
-        InputError: the folder holds no runs of studies of this version.
-    """
+    """Simulate a sample of the saved runs of studies in a folder, and in those within, again."""
     folder = Path(folder)
     places = sorted(path.parents[1] for path in folder.rglob(f"{FOLDER}/{SCENARIOS}"))
     stores = [Store(place, *world) for place in places for world in Store.worlds(place)]

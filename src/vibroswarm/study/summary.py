@@ -1,7 +1,4 @@
-"""Summarise the runs of cells: their figures with intervals, and comparisons.
-
-A run failed if its source of motion gave it up; its robots count as undecided.
-"""
+"""Summarise the runs of cells: their figures with intervals, and comparisons."""
 
 from __future__ import annotations
 
@@ -94,9 +91,7 @@ class Outcome(NotebookView):
     def reported(self) -> pl.DataFrame:
         """What the robots of each cell reported at the end of their runs: means over runs, with intervals.
 
-        There is a row for each cell, report and place of an array: cell, name, report, index, unit, runs, and ``value``
-        and ``error`` with ``_low`` and ``_high``. ``error`` is the mean distance from the number that is asked for,
-        of reports that estimate it. A run in which no robot has a value is left out.
+        A row for each cell, report and place of an array; ``error`` is the mean distance from the number asked for.
         """
         cells = {one.cell.number: one.cell for one in self.cells}
         by_run = self.runs.rows("reported").drop_nulls("reported").explode("reported").unnest("reported")
