@@ -199,7 +199,8 @@ def pool_for(executor: str | Executor = "threads", workers: int | None = None) -
     """Start workers, and stop them at the end; an executor of the caller is used and not shut down.
 
     Args:
-        executor: ``threads``, ``processes``, ``dask://HOST:PORT``, or an ``Executor``. workers: by default all processors.
+        executor: ``threads``, ``processes``, ``dask://HOST:PORT``, or an ``Executor``.
+        workers: by default as many as processors.
     """
     count = workers or processors()
     if isinstance(executor, Executor):
