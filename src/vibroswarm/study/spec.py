@@ -160,7 +160,7 @@ class Study:
 
     def _whole_base(self) -> dict[str, Any]:
         """Return all fields of the base, and the default parameters of user code, so that no other default matters."""
-        base = _copied(self._sections)
+        base = self._sections
         if not any(PRESET in point for point in self._points):
             with suppress(InputError):  # it may fit together only with the values that vary
                 base = self._base({}, {}).model_dump(exclude_none=True)
@@ -218,8 +218,9 @@ class Study:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @property
-    def _sections(self) -> Mapping[str, Any]:
-        return self.base.model_dump(exclude_none=True) if isinstance(self.base, Scenario) else self.base
+    def _sections(self) -> dict[str, Any]:
+        base = self.base.model_dump(exclude_none=True) if isinstance(self.base, Scenario) else self.base
+        return {name: dict(part) if isinstance(part, Mapping) else part for name, part in base.items()}
 
     @cached_property
     def _points(self) -> list[Point]:
@@ -246,7 +247,7 @@ class Study:
 
     def _base(self, preset: dict[str, Any], values: Mapping[str, Any]) -> Scenario:
         """Return the scenario in which a point replaces the preset and values."""
-        base = with_fields(_copied(self._sections) | preset, values)
+        base = with_fields(self._sections | preset, values)
         floor = base.get("floor", {})
         if "tiles" not in floor and "values" not in floor and floor.get("source") in self._floors:
             base["floor"] = {**floor, **fields_of_floor(self._floors[floor["source"]])}
@@ -304,10 +305,6 @@ def _inline(value: Any) -> str:
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{name} = {_inline(part)}" for name, part in value.items()) + " }"
     return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
-
-
-def _copied(base: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: dict(v) if isinstance(v, Mapping) else v for k, v in base.items()}
 
 
 def with_fields(base: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
