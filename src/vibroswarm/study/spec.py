@@ -56,8 +56,6 @@ SOURCE: Final = "floor.source"
 """The field that names the floor: ``random:0.48``, a pattern, or a file."""
 TILES: Final = "floor.tiles"
 """The field with a floor's kinds of tile."""
-Rows = tuple[str, ...] | tuple[tuple[float, ...], ...]
-"""Rows of a floor, the top row first: a text of kinds of tile each, or values of tiles."""
 MARKER: Final = "study.toml"
 """File of a study in the folder of its runs."""
 
@@ -228,7 +226,7 @@ class Study:
         return [point | {TILES: rows_as_text(point[TILES])} if TILES in point else point for point in points]
 
     @cached_property
-    def _floors(self) -> dict[str, Rows]:
+    def _floors(self) -> dict[str, Any]:
         """Rows of the floors that the study defines or reads from files, by name."""
         floors = {name: rows_as_text(rows) for name, rows in self.floors.items()}
         section = self._sections.get("floor", {})
@@ -322,7 +320,7 @@ def with_fields(base: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str,
     return found
 
 
-def fields_of_floor(rows: Rows | None) -> dict[str, Rows | None]:
+def fields_of_floor(rows: Any) -> dict[str, Any]:
     """Return the fields of a scenario's floor that hold its rows; None without rows, for a floor that its name says."""
     has_values = rows is not None and any(not isinstance(row, str) for row in rows)
     return {"tiles": None if has_values else rows, "values": rows if has_values else None}

@@ -173,13 +173,11 @@ def key_of(scenario: Scenario, motion: str = "event") -> str | None:
     return scenario.hash + (_hash(json.dumps(sources).encode()) if sources else "")
 
 
-def registered_sources(
-    scenarios: Iterable[Scenario], motion: str = "", method: str = ""
-) -> dict[str, str | None]:
+def registered_sources(scenarios: Iterable[Scenario], motion: str) -> dict[str, str | None]:
     """Return a hash of the module's source text, or None, of all that is selected and has no file of its own."""
     selected = {(one.kind, one.selected) for scenario in scenarios for one in scenario.choices}
     found: dict[str, str | None] = {}
-    for kind, name in sorted(selected | {("motion", motion), ("method", method)}):
+    for kind, name in sorted(selected | {("motion", motion)}):
         declared = plugins.KINDS[kind].known().get(name) if kind in plugins.KINDS else None
         if declared is not None and not declared.code:
             modules = {module for value in vars(declared).values() if (module := _module_of(value))}
