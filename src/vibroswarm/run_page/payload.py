@@ -117,9 +117,7 @@ def payload(result: Result, run: int = 0, *, title: str = "") -> dict[str, Any]:
             "ones": float(expected_ones_on(scenario.sensor, at_end, size_m)) if moved else fill_ratio,
             "decision": summary["truth"],
         },
-        "notes": [
-            f"{scenario.strategy.name} with true places: an upper bound, as real robots must estimate theirs."
-        ]
+        "notes": ["True places: an upper bound, as real robots must estimate theirs."]
         if scenario.reads_true_places
         else [],
         "outcome": {"consensus": summary["consensus"], "time_s": summary["consensus_time_s"]},
