@@ -103,7 +103,7 @@ def payload(result: Result, run: int = 0, *, title: str = "") -> dict[str, Any]:
     samples = _samples(result, run)
     return {
         "title": title or f"{count(scenario.swarm.robots, 'robot')} on {floor.name}",
-        "strategy": strategy_name(scenario.strategy.name),
+        "strategy": strategy_name(scenario),
         "seed": result.seed,
         "run": run,
         "arena": dict(zip(("width_m", "height_m"), size_m, strict=True)),

@@ -199,9 +199,9 @@ def _robot(row: dict[str, Any], by_counts: bool) -> RobotVerdict:
     )
 
 
-def strategy_name(name: str) -> str:
-    """Return a readable name of a strategy: its description up to a colon, or else the name itself."""
-    known = strategies.known().get(name)
+def strategy_name(scenario: Scenario) -> str:
+    """Return a readable name of a strategy: its description up to a colon, or else its name."""
+    known = strategies.known().get(name := scenario.strategy.name)
     return known.about.partition(":")[0] if known is not None and known.about else name
 
 
