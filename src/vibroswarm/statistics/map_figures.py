@@ -48,8 +48,6 @@ SCORES: Final = {"map_brier": "brier", "map_auc": "auc", "map_location_error_m":
 """Figures of a run by name, and the score of which each is the mean over robots."""
 MAPPED: Final = (*SCORES, "detection_time_s")
 """Figures of runs whose robots keep maps."""
-MAP_FIGURES: Final[dict[str, Any]] = {"run": pl.UInt32, **dict.fromkeys(MAPPED, pl.Float64)}
-"""Columns of the table, one row for each run; null where a score does not exist, such as the AUC of equal tiles."""
 
 
 def keeps_map(scenario: Scenario) -> bool:
@@ -65,8 +63,8 @@ def map_figures(
     floors: Mapping[int, Floor],
     end_s: NDArray[np.float64],
     samples: pl.DataFrame,
-) -> pl.DataFrame:
-    """Return the table ``MAP_FIGURES`` of runs, of a scenario that ``keeps_map``.
+) -> dict[str, NDArray[np.float64]]:
+    """Return the figures ``MAPPED`` of a scenario that ``keeps_map``, (runs,) each; nan where a run does not have one.
 
     Args:
         swarm: at the end. end_s: (runs,). samples: run, robot, time_s and belief_below, by run, robot and time.
@@ -78,16 +76,15 @@ def map_figures(
         reported = getattr(swarm.arrays, "p", np.empty((runs * robots, 0)))
         maps = np.asarray(reported, dtype=np.float64).reshape(runs, robots, -1)
     detected_s = detection_times_s(scenario, floors, end_s, samples)
-    rows = []
-    for (run, floor), end, own in zip(floors.items(), end_s.tolist(), maps, strict=True):
-        now = floor.at(end)
-        row: dict[str, Any] = {"run": run}
+    found = {name: np.full(runs, np.nan) for name in MAPPED}
+    for place, (run, end, own) in enumerate(zip(floors, end_s.tolist(), maps, strict=True)):
+        now = floors[run].at(end)
         if own.shape[-1] == now.tiles.size:  # else the arrays are not maps of this floor, and have no figures
             scores = [map_scores(p, now) for p in own]
-            row |= {name: float(np.mean([one[score] for one in scores])) for name, score in SCORES.items()}
-            row["detection_time_s"] = detected_s.get(run)
-        rows.append(row)
-    return pl.DataFrame(rows, schema=MAP_FIGURES).fill_nan(None)
+            for name, score in SCORES.items():
+                found[name][place] = np.mean([one[score] for one in scores])
+            found["detection_time_s"][place] = detected_s.get(run, np.nan)
+    return found
 
 
 def detection_times_s(

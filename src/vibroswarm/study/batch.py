@@ -47,7 +47,7 @@ from vibroswarm.simulation import (
     versions,
 )
 from vibroswarm.statistics.figures import FOLLOWED, Swarms, figures_of
-from vibroswarm.statistics.map_figures import MAPPED, keeps_map, map_figures
+from vibroswarm.statistics.map_figures import keeps_map, map_figures
 from vibroswarm.statistics.over_time import JUDGED, agreement_held, answers_table, may_change
 from vibroswarm.statistics.sampling import WALK as OF_WALK
 from vibroswarm.statistics.sampling import Walk
@@ -222,8 +222,7 @@ class _SharedMotion:
             found |= {name: numbers(answers[name]) for name in JUDGED}
         if keeps_map(scenario):
             beliefs = samples.with_columns(belief_below=log.belief)
-            maps = map_figures(scenario, swarm, floors, self.end_s, beliefs)
-            found |= {name: numbers(maps[name]) for name in MAPPED}
+            found |= map_figures(scenario, swarm, floors, self.end_s, beliefs)
         return found
 
     def _reported(self, scenario: Scenario, swarm: Any, asked: Array) -> list[list[Any] | None]:
