@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm import Result, Scenario, preset, replay, simulate
-from vibroswarm.statistics.answers_over_time import course_of
 from vibroswarm.statistics.intervals import Interval, mean_interval, wilson
+from vibroswarm.statistics.over_time import course_of
 
 TUNING_SEED, TEST_SEED, CHANGE_S, END_S, FROM_S = 41, 42, 1200.0, 2400.0, 600.0
 FILLS: Final = (0.4, 0.3)

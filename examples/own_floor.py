@@ -10,8 +10,8 @@ import argparse
 import numpy as np
 
 from vibroswarm import Floor, make_floor, measure, preset, simulate
-from vibroswarm.statistics.cell_summary import summary
 from vibroswarm.statistics.decidability import decidability
+from vibroswarm.statistics.figures import summary
 
 
 def main(runs: int) -> None:
@@ -26,7 +26,7 @@ def main(runs: int) -> None:
         result = simulate(scenario, seed=1, runs=runs)
         found = summary(result.robots, result.runs, t_end_s=1200.0)
         for figure in ("swarm_right", "swarm_wrong", "swarm_incomplete"):
-            share = getattr(found, figure)
+            share = found[figure]
             print(f"  {figure}: {share.estimate:.2f} [{share.low:.2f}, {share.high:.2f}]")
 
     cut = Floor(np.eye(4, dtype=np.uint8), tile_width_m=0.3, tile_height_m=0.3, name="larger than the arena")

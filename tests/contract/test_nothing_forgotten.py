@@ -21,8 +21,6 @@ from vibroswarm.study.spec import Study
 from vibroswarm.study.store import key_of
 
 NAMES = field_types()
-ONE_MOTION = ("run.t_end_s",)
-"""Of cells that differ in these, the longest moves, and the others see its beginning."""
 
 
 class Params:
@@ -93,7 +91,7 @@ def check_hash_and_plan(name: str) -> None:
     motions, replays = shared(one, other, name)
     assert replays == 2, f"{name}: cells that differ were merged"
     section, _, field = name.partition(".")
-    moves = section in OF_MOTION and name not in ONE_MOTION
+    moves = section in OF_MOTION
     moves |= section == "rays" and field != "noise_m"
     moves |= section == "faults" and field in MotionFaults.model_fields
     moves |= name.startswith("strategy.explore.")  # which steers

@@ -191,8 +191,7 @@ def test_a_precision_does_not_depend_on_what_else_is_there(
     UNTIL.with_runs(extra).run(tmp_path / "s")
     assert_same(UNTIL.run(tmp_path / "s", workers=2), alone_until)
     for cell in (alone_until.cells[0], alone_until.cells[7]):
-        found = alone_until.settled(cell)
-        assert found is not None
+        found = alone_until.settled[cell.number]
         assert found.runs == wanted[cell.number]
         assert found.reached
 

@@ -12,7 +12,7 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm import Result, Scenario, Study, preset, simulate
 from vibroswarm.robot.belief import belief_below
-from vibroswarm.statistics.answers_over_time import Answer, answers_in, course_of, judged
+from vibroswarm.statistics.over_time import Answer, answers_in, course_of, judged
 from vibroswarm.study.summary import outcome_of
 
 GRID = {"floor.source": "random:0.3", "floor.rows": 10, "floor.columns": 10, "decision.min_observations": 40}
@@ -91,11 +91,11 @@ REPORTED_S = (NAN, NAN, 104.0, 104.0, 120.0, 120.0)
 def test_each_robot_is_asked_anew_after_its_own_answer_by_hand() -> None:
     own = course(*TOLD, changed_s=REPORTED_S, **ANEW)
     # Robot 0 is asked since 0, 110 and 130 s. At 150 s the floor is again as robot 1 knows it.
-    assert [list(zip(one.since_s, one.answer, strict=True)) for one in own.truths] == [
+    assert [[(since_s, right) for since_s, _, right in one.spans] for one in own.truths] == [
         [(0, 0), (100, 1), (110, 0), (150, 1)],
         [(0, 0), (100, 1), (150, 0)],
     ]
-    assert np.isnan(own.truth.answer).all()
+    assert np.isnan([right for *_, right in own.truth.spans]).all()
     numbers = judged(own)
     assert numbers["right_at_decision"] == 0.5  # robot 0 told of no change, robot 1 never answered 1
     # robot 0: 10 to 100, 115 to 130 and 140 to 150; robot 1: 20 to 100 and 150 to 200

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -31,7 +29,6 @@ def test_the_paper_can_be_decided_and_with_how_many_samples() -> None:
     assert d.share == pytest.approx(0.48 * (1 - b) + 0.52 * a)
     assert d.margin == pytest.approx(0.5 - d.share)
     assert d.samples_needed > 3000  # three runs of five robots: it is a hard floor
-    json.dumps(d.as_dict(), allow_nan=False)
 
 
 def test_the_printed_threshold_decides_more_than_half_wrongly() -> None:

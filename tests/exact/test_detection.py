@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.report.detection import hardest_pairs
-from vibroswarm.statistics.detection import detection_curve, needed, pairs
-from vibroswarm.statistics.fronts import pareto_front
+from vibroswarm.statistics.best_group import pareto_front
 from vibroswarm.statistics.intervals import generator, wilson
-from vibroswarm.study.detection import fills_around
+from vibroswarm.study.detection import detection_curve, fills_around, needed, pairs
 from vibroswarm.study.options import detection_scenario
 
 

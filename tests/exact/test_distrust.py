@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from helpers.example_strategies import load_example, module_of
 from helpers.plain_reference import differences, plain_run
 from vibroswarm.inference.agents import world_of
+from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies.bayes import GATE_OWN, GATE_RECEIVED, GATE_TOTAL
-from vibroswarm.study.fault_tolerance import judged_tables
 
 distrust = module_of("distrust")
 begin, on_message, on_sample = distrust.begin, distrust.on_message, distrust.on_sample
@@ -136,17 +136,17 @@ def test_one_sensor_stuck_at_1_does_no_harm_and_none_costs_nothing() -> None:
     """Where no feedback is wrong in all 24 runs; and without faults all decide as without distrust."""
     base = preset("paper").with_values({"floor.source": "random:0.44"})
 
-    def share(answer: str, name: str, stuck: float) -> float:
-        """Of the robots that work."""
+    def share(answer: int, name: str, stuck: float) -> float:
+        """Of the robots that work; answer 0 is right."""
         scenario = base.with_values({"strategy.name": name, "faults.stuck_at_1": stuck})
         result = simulate(scenario, 5, 24, energies=False)
-        robots, runs = judged_tables(scenario, 5, result.robots, result.runs)
-        return float(runs[answer].sum()) / robots.height
+        fine = result.robots["decision"].to_numpy()[working(scenario, 5, range(24)).ravel()]
+        return float((fine == answer).mean())
 
-    assert share("wrong", "none", 0.2) == 1.0
-    assert share("right", "distrust", 0.2) > 0.65
-    assert share("wrong", "distrust", 0.2) < 0.1
-    assert share("right", "distrust", 0.0) == share("right", "none", 0.0) > 0.75
+    assert share(1, "none", 0.2) == 1.0
+    assert share(0, "distrust", 0.2) > 0.65
+    assert share(1, "distrust", 0.2) < 0.1
+    assert share(0, "distrust", 0.0) == share(0, "none", 0.0) > 0.75
     fine = [
         simulate(base.with_values({"strategy.name": name}), 5, 12, energies=False)
         for name in ("none", "distrust")

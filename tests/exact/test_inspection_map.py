@@ -16,7 +16,7 @@ from vibroswarm.inspection.samples import Samples
 from vibroswarm.inspection.tile_map import any_but_still, kind_map, tile_map
 from vibroswarm.observation.energy_model import rates
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.statistics.map_scores import map_scores
+from vibroswarm.statistics.map_figures import map_scores
 
 FLOORS = range(30)
 EXAMPLE = Path(__file__).parents[2] / "examples" / "inspection"

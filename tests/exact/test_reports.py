@@ -14,7 +14,7 @@ from vibroswarm import Scenario, preset, simulate
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.plots.reports import draw_run_reports
 from vibroswarm.statistics.figures import BY_NAME, Swarms
-from vibroswarm.statistics.reports_over_time import reports_over_time
+from vibroswarm.statistics.over_time import reports_over_time
 from vibroswarm.strategies import Report, Strategy, array, register
 from vibroswarm.strategies.base import forget
 

@@ -15,7 +15,7 @@ from vibroswarm.league.fronts import guess_level
 from vibroswarm.search.costs import COSTS
 from vibroswarm.search.outcomes import outcomes_of
 from vibroswarm.statistics.figures import run_figures
-from vibroswarm.statistics.verdict import headline, verdict
+from vibroswarm.statistics.verdict import verdict
 from vibroswarm.tasks import Task, base, register
 
 PAPER = preset("paper").with_values({"run.t_end_s": 300.0, "decision.min_observations": 40})
@@ -44,8 +44,6 @@ def test_estimates_are_scored_and_no_decision_is_right() -> None:
     assert 0 < inside.mean() < 1
     found = verdict(asked, run=0)
     assert found.estimate_error == pytest.approx(misses[0].mean())
-    assert headline(found).startswith("ESTIMATES: ")
-    assert "is 0.48" in headline(found)
     assert verdict(paper, run=0).estimate_error is None
     robots = [robot for run in (2, 14) for robot in verdict(paper, run).robots if robot.decision != -1]
     assert {robot.decision for robot in robots} == {0, 1}

@@ -88,7 +88,7 @@ BAD = {
     "evaluate one.toml --strategy soft": "--strategy: is not for a study file",
     "evaluate one.toml --out one.toml": "one.toml",
     "evaluate one.toml --cost authors": "did you mean 'authors_code'?",
-    "evaluate --runs 5 --until 2%": "not both",
+    "evaluate --runs 5 --until 2%": "either a number of runs or a precision",
     "evaluate --vary swarm.robots=5,0": "in the cell with swarm.robots = 0",
     "show nowhere": "nowhere",
 }

@@ -21,7 +21,7 @@ from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.lab.calibrate.dataset import dataset_of
 from vibroswarm.lab.recordings.recording import Recording
-from vibroswarm.statistics.map_scores import map_scores
+from vibroswarm.statistics.map_figures import map_scores
 
 pytestmark = pytest.mark.slow
 

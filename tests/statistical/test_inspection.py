@@ -26,7 +26,7 @@ from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.lab.calibrate.dataset import dataset_of
 from vibroswarm.observation.energy_model import energy_of
-from vibroswarm.statistics.map_scores import calibration, map_scores
+from vibroswarm.statistics.map_figures import calibration, map_scores
 
 Floats = NDArray[np.float64]
 TRUTH = Law(preset("paper").sensor, "the truth")

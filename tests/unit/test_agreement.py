@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from vibroswarm.statistics.answers_over_time import agreements_of
+from vibroswarm.statistics.over_time import agreement_held
 
 
 def test_an_agreement_lasts_by_hand() -> None:
@@ -15,5 +15,5 @@ def test_an_agreement_lasts_by_hand() -> None:
     opinion = np.array([[1, 1, 1], [1, 0, 1], [1, 0, 1], [0, 0, 1], [0, 1, 1]])
     works = np.array([[1, 1, 1], [1, 1, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]])
     swarm = SimpleNamespace(agents={"decision": decision, "opinion": opinion}, failures={"works": works})
-    found = agreements_of(swarm, range(3, 8))  # type: ignore[arg-type]
-    assert found.rows() == [(3, True), (4, False), (5, True), (6, False)]
+    found = agreement_held(swarm, 5)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(found, [1.0, 0.0, 1.0, 0.0, np.nan])

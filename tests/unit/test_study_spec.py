@@ -67,8 +67,7 @@ def studies(draw: st.DrawFn) -> Study:
             if name == "grid" and draw(st.booleans()):  # a range among lists, and tables within tables
                 values = {"decision": {"credible_threshold": {"from": 0.8, "to": 0.9, "steps": 2}}} | values
             blocks[name] = values
-    levels = st.just(0.95) | st.floats(0.5, 0.999)
-    until = draw(st.none() | st.builds(Precision, st.floats(0.001, 0.5), level=levels))
+    until = draw(st.none() | st.builds(Precision, st.floats(0.001, 0.5)))
     base: dict[str, Any] = {} if "preset" in fields else {"preset": draw(FIELDS["preset"])}
     return Study(
         base | {"run": {"t_end_s": draw(st.sampled_from([60.0, 60.5, 1200.0]))}},

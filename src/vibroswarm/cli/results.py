@@ -56,7 +56,7 @@ def verify(
       vibroswarm verify out/league --runs 200
       vibroswarm verify out/paper                a reproduction: runs of its studies
     """
-    from vibroswarm.study.verify import verify as simulate_again
+    from vibroswarm.study.store import verify as simulate_again
 
     with progress_bar("simulating again") as progress:
         verified = simulate_again(folder, runs, seed, progress)

@@ -31,7 +31,7 @@ from vibroswarm.lab.recordings.recording import Recording, read_result
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
-from vibroswarm.statistics.map_scores import map_scores
+from vibroswarm.statistics.map_figures import map_scores
 
 TIMES: Final = 60
 """Most times of the maps, evenly spaced up to the last sample."""

@@ -2,18 +2,12 @@
 
 A file of settings has one or several tables of scenario fields for each strategy; each table is an entry::
 
-    [none]
-    "decision.credible_threshold" = 0.9
-
     [[soft]]
     forced_error = 0.161                 # what it had where it was chosen; not used
     "strategy.soft.eta" = 5000.0
 
-All other fields are those of the base scenario.
-
-The floors are each pattern of the paper at f and at 1 - f, for some fill ratios f. A patterned floor above 1/2 is the
-inverse of the floor below: its vibrating tiles are still, and vice versa. So no strategy gains by leaning to one side,
-and a floor and its mirror count as one floor in all tables.
+The floors are each pattern of the paper at f and at 1 - f, there inverted, so that no strategy gains by leaning to one
+side. A floor and its mirror count as one floor in all tables.
 """
 
 from __future__ import annotations
@@ -39,8 +33,7 @@ SIZE: Final = {"floor.rows": 10, "floor.columns": 10, "floor.tiles": None}
 FILLS: Final = (0.46, 0.48)
 """Fill ratios below 1/2; a league also has their mirrors 1 - f."""
 GUESSING: Final = ("dc", "dmvd", "dmmd")
-"""Strategies that play in a league only when named: on its floors they guess, whatever their settings. They were made
-for nearly noiseless readings at every control step; here a reading comes every few seconds."""
+"""Strategies that play only when named: made for readings at every control step, they guess on a league's floors."""
 FOR_CHANGES: Final = ("forget", "reset", "fading")
 """Strategies for floors that change; the floors of a league stay as they are."""
 
@@ -68,11 +61,7 @@ class LeagueFloor(NamedTuple):
 
 
 def default_strategies(kinds: int = 2) -> list[str]:
-    """Return the names of the strategies that a league compares by default, with this number of kinds of tile.
-
-    Left out are those that guess (``GUESSING``), those for floors that change, those for several kinds of tile where
-    there are two, and those whose robots must know where they are, which do not compete on equal terms.
-    """
+    """Return the strategies of a league: none that guess, know places, or are for changes or other kinds."""
     if kinds > 2:
         return [name for name, strategy in known().items() if strategy.answers_kinds]
     return [
@@ -83,11 +72,7 @@ def default_strategies(kinds: int = 2) -> list[str]:
 
 
 def entries_of(strategies: Sequence[str], settings: Mapping[str, Any]) -> tuple[Entry, ...]:
-    """Return the entries of each strategy: one for each of its tables of settings, or one without settings.
-
-    Args:
-        strategies: as scenarios name them. settings: tables of fields by name of the strategy, as in a file.
-    """
+    """Return the entries of each strategy: one for each of its tables of settings, or one without settings."""
     entries = []
     for strategy in strategies:
         name = plain_of(strategy)
@@ -100,13 +85,7 @@ def entries_of(strategies: Sequence[str], settings: Mapping[str, Any]) -> tuple[
 
 
 def varied_by(entries: Sequence[Entry], text: str) -> tuple[Entry, ...]:
-    """Replace each entry by several, one for each value of a field, with the value in their names.
-
-    Args:
-        text: ``FIELD=A,B`` varies all entries, ``STRATEGY:FIELD=A,B`` those of one strategy.
-    Raises:
-        InputError: the text is not of this form, or no entry has its strategy.
-    """
+    """Replace entries by one for each value of ``[STRATEGY:]FIELD=A,B``, with the value in their names."""
     name, values = parse_values(text, "[strategy:]section.field=value,value")
     strategy, only_one, field = name.rpartition(":")
     if only_one:
@@ -125,11 +104,7 @@ def varied_by(entries: Sequence[Entry], text: str) -> tuple[Entry, ...]:
 
 
 def shipped_settings(own_motion: bool = False) -> dict[str, Any]:
-    """Return the settings by strategy that are part of the package; the file says how they were chosen.
-
-    Args:
-        own_motion: whether to return the settings that also set each strategy's motion.
-    """
+    """Return the settings by strategy that are part of the package; the file says how they were chosen."""
     name = "settings_own_motion.toml" if own_motion else "settings.toml"
     return parsed_toml(files("vibroswarm.league").joinpath(name).read_text(encoding="utf-8"), name)
 
@@ -140,13 +115,7 @@ def read_settings(path: Path) -> dict[str, Any]:
 
 
 def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS) -> tuple[LeagueFloor, ...]:
-    """Return the floors of a league: each pattern at each fill ratio f and at 1 - f.
-
-    Args:
-        patterns: names from ``PATTERNS``. fills: fill ratios f, below 1/2.
-    Raises:
-        InputError: an unknown pattern, a fill ratio that the pattern does not have, or one that is not below 1/2.
-    """
+    """Return the floors of a league: each of ``PATTERNS`` at each fill ratio f below 1/2 and at 1 - f."""
     floors: list[LeagueFloor] = []
     for pattern in patterns:
         check_choice(pattern, "patterns", PATTERNS)
@@ -163,11 +132,7 @@ def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS
 
 
 def floors_of_kinds(shares: Sequence[float]) -> tuple[LeagueFloor, ...]:
-    """Return the floors of a league of several kinds of tile: random ones, each kind having each share once.
-
-    Args:
-        shares: of the kinds, which sum to 1 and differ, so that one kind is the most common.
-    """
+    """Return random floors of several kinds of tile, each kind having each of the different shares once."""
     name = f"random {','.join(map(stated, shares))}"
     turned = ([*shares[-k:], *shares[:-k]] if k else shares for k in range(len(shares)))
     return tuple(LeagueFloor(name, source_of("random", *each)) for each in turned)

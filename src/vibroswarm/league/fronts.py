@@ -1,8 +1,5 @@
 """Compare the strategies of a league at equal forced error, each with its own settings.
 
-**The time at an error is the least time among the settings whose forced error is at most that.** So a strategy that
-errs less than asked counts with its fastest setting, and no strategy is called faster than one that beats it in both.
-
 | column | equation |
 |---|---|
 | forced_error | the error that is asked for, one of ``LEVELS`` |
@@ -13,9 +10,9 @@ errs less than asked counts with its fastest setting, and no strategy is called 
 | fastest | whether the strategy does not differ from the fastest, nor from others that do not |
 | name, p_c, O_c, settings | of the setting whose time it is |
 
-Limits are percentiles of a bootstrap over runs. The same draws serve all settings, so that comparisons are paired; each
-draw has its own front. Where some draws do not reach an error, the upper limit is open (null). Two strategies differ
-if the interval of their difference leaves 0 out. This holds for each pair by itself; p_holm allows for their number.
+Limits are percentiles of a bootstrap over runs; the same draws serve all settings, and each has its own front. Where
+some draws do not reach an error, the upper limit is open (null). Two strategies differ if the interval of their
+difference leaves 0 out.
 """
 
 from __future__ import annotations
@@ -28,7 +25,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.inference.outcomes import Array, costs_of
-from vibroswarm.league.standings import ENTRY, parts_of
+from vibroswarm.league.standings import ENTRY
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.intervals import columns_of, draw_limits, few_factor, plain
 from vibroswarm.statistics.paired import drawn_means, holm
@@ -43,14 +40,9 @@ answer, given on all floors, where mistakes cost differently."""
 
 
 def front_table(units: pl.DataFrame, by: Sequence[str] = (), seed: int = 0) -> pl.DataFrame:
-    """Compare the strategies at each level, see the head of this module.
-
-    Args:
-        units: from ``standings.units_of``. by: columns whose values have fronts of their own. seed: of the bootstrap.
-    Returns: a row for each group, level and strategy; those of a level by rising time.
-    """
+    """Compare the strategies at each level; ``by``: columns whose values have fronts of their own."""
     rows: list[dict[str, Any]] = []
-    for part in parts_of(units, by):
+    for part in units.partition_by(by, maintain_order=True) if by else [units]:
         group = part.select(by).row(0, named=True) if by else {}
         entries = part.select(ENTRY).unique("name", maintain_order=True)
         times, errors = (_drawn(part, figure, seed) for figure in ("decision_time_s", "forced_error"))
@@ -68,11 +60,7 @@ def _drawn(part: pl.DataFrame, figure: str, seed: int) -> Array:
 
 
 def _rows(entries: pl.DataFrame, times: Array, runs: int) -> list[dict[str, Any]]:
-    """Return the rows of a level.
-
-    Args:
-        times: of the entries that reach it, else infinity, (entries, 1 + draws).
-    """
+    """Return the rows of a level."""
     least, rows = dict[str, Array](), list[dict[str, Any]]()
     for strategy in entries["strategy"].unique(maintain_order=True):
         own = np.flatnonzero(entries["strategy"] == strategy)

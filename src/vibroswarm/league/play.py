@@ -15,7 +15,6 @@ from typing import Any, Unpack
 import polars as pl
 
 from vibroswarm.errors import InputError
-from vibroswarm.league.beliefs import belief_table
 from vibroswarm.league.entries import (
     FILLS,
     PATTERNS,
@@ -31,9 +30,9 @@ from vibroswarm.league.entries import (
     varied_by,
 )
 from vibroswarm.league.fronts import front_table
-from vibroswarm.league.standings import cell_table, difference_table, standing_table, units_of
+from vibroswarm.league.standings import belief_table, cell_table, difference_table, standing_table, units_of
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.study.factors import LABEL
+from vibroswarm.study.cells import LABEL
 from vibroswarm.study.options import ScenarioOptions, chosen, scenario_of, several
 from vibroswarm.study.runs import Runs
 from vibroswarm.study.spec import Study
@@ -73,8 +72,7 @@ class Standings:
     league: League
     runs: Runs
     tables: Mapping[str, pl.DataFrame]
-    """``fronts``, ``standings``, ``differences`` and ``beliefs``, see the modules of this package; ``fronts_by`` and
-    ``standings_by`` if they are wanted."""
+    """``fronts``, ``standings``, ``differences``, ``beliefs``; ``fronts_by``, ``standings_by`` if wanted."""
 
 
 def league_of(
@@ -93,12 +91,8 @@ def league_of(
     """Return the league that options describe.
 
     Args:
-        patterns, fills: see ``floors_of``. shares: of several kinds of tile, in their place (``floors_of_kinds``).
-        settings_file: fields that each strategy sets; None: those that ship. untuned: none are set. own_motion: the
-            settings that ship and set each strategy's motion too. vary: see ``varied_by``.
-        scenario: of its strategies and numbers of robots, each plays.
-    Raises:
-        InputError: a floor is given, or an option is wrong.
+        patterns, fills: see ``floors_of``. shares: of several kinds of tile, in their place. settings_file: None: those
+            that ship, or with ``own_motion`` those that set motion too; untuned: none. vary: see ``varied_by``.
     """
     if scenario.get("floor") or scenario.get("tiles"):
         raise InputError("cannot be used with a league; use --patterns and --fills", field="--floor")
@@ -131,9 +125,7 @@ def play(
     """Run what is missing in a folder, and compute the standings.
 
     Args:
-        by: what has fronts and standings of its own, besides those over all: ``floor``, ``robots`` or both.
-        reference: entry, or strategy, with which others are compared; by default the first.
-        how: further arguments of ``study.run``, such as workers.
+        by: what has fronts and standings of its own: ``floor``, ``robots`` or both. reference: by default the first.
     """
     runs = league.study.run(folder, **how)
     runs.check_complete()

@@ -1,9 +1,7 @@
-"""Time, error and cost of each entry of a league, and differences from a reference, with intervals over runs.
+"""Time, error, cost and belief of each entry of a league, and differences from a reference, with intervals over runs.
 
-**The unit is the run.** All entries and floors share the motion of a run, so outcomes on different floors are
-dependent. Figures of a run are therefore averaged over floors and swarm sizes first, or over those that are not told
-apart (``by``). The floors are a given set, not a random sample: figures hold for this set, in which every floor and
-swarm size counts the same.
+The unit is the run: entries and floors share its motion, so figures are averaged over floors and swarm sizes first, or
+over those that are not told apart (``by``). They hold for this set of floors and sizes, which all count the same.
 
 | column | what it is |
 |---|---|
@@ -12,6 +10,8 @@ swarm size counts the same.
 | knows | what a robot knows in advance |
 | forced_error | share of robots wrong, or undecided and leaning to the wrong side |
 | sent, message_bytes, bytes_sent | messages that a robot sends in a run; bytes of one; bytes of all |
+| confidence_share, right_share | of robots that decided: mean confidence at decision time, share of right decisions |
+| too_confident | whether the interval of right_share lies below that of confidence_share, on these floors |
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final
 
+import numpy as np
 import polars as pl
 
 from vibroswarm.core.numbers import stated
@@ -27,7 +28,7 @@ from vibroswarm.inference.agents import strategy_used
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.figures import BY_COLUMN
-from vibroswarm.statistics.intervals import columns_of
+from vibroswarm.statistics.intervals import cluster_shares, columns_of
 from vibroswarm.statistics.paired import compare, holm
 from vibroswarm.strategies.static_analysis import fields_read, told
 from vibroswarm.study.cells import Cell
@@ -88,20 +89,10 @@ def _entry_columns(entry: Entry, scenario: Scenario) -> dict[str, Any]:
 
 
 def units_of(runs: Runs, cells: pl.DataFrame, by: Sequence[str] = ()) -> pl.DataFrame:
-    """Return figures of runs, means over the floors and swarm sizes that are not told apart.
-
-    Args:
-        cells: from ``cell_table``. by: what is told apart: ``floor``, ``robots``, both, or nothing.
-    Returns: a row for each group, entry and run.
-    """
+    """Return figures of runs, means over the floors and swarm sizes that are not told apart."""
     keys = [*by, *cells.columns[3:], "run"]
     rows = runs.rows(*FIGURES).join(cells, on="cell", maintain_order="left")
     return rows.group_by(keys, maintain_order=True).agg(pl.col(FIGURES).mean())
-
-
-def parts_of(units: pl.DataFrame, by: Sequence[str]) -> list[pl.DataFrame]:
-    """Return the rows of each group."""
-    return units.partition_by(by, maintain_order=True) if by else [units]
 
 
 def standing_table(units: pl.DataFrame, by: Sequence[str] = ()) -> pl.DataFrame:
@@ -119,15 +110,7 @@ def standing_table(units: pl.DataFrame, by: Sequence[str] = ()) -> pl.DataFrame:
 
 
 def difference_table(units: pl.DataFrame, reference: str | None = None) -> pl.DataFrame:
-    """Compare each entry with a reference, run by run.
-
-    Args:
-        reference: entry, or strategy, of which the first entry is taken; None: the first of all.
-    Returns: a row for each of ``COMPARED`` and entry: difference (entry - reference) with limits, and p_holm, corrected
-        over the entries. Empty for a single entry.
-    Raises:
-        InputError: no entry is so named.
-    """
+    """Compare each entry with a reference (entry, or strategy; None: the first), run by run, in ``COMPARED``."""
     entries = units.select("name", "strategy").unique(maintain_order=True)
     if reference is not None:
         check_choice(reference, "--reference", [*entries["name"], *entries["strategy"]])
@@ -142,4 +125,30 @@ def difference_table(units: pl.DataFrame, reference: str | None = None) -> pl.Da
         for own, one, p_holm in zip(parts.values(), compared, corrected, strict=True):
             row = own.select(ENTRY).row(0, named=True) | {"reference": against, "figure": figure}
             rows.append(row | columns_of("difference", one.difference) | {"p_holm": p_holm})
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def belief_table(runs: Runs, cells: pl.DataFrame) -> pl.DataFrame:
+    """Return a row for each entry whose robots decided with a belief."""
+    decision, below = pl.col("robot.decision"), pl.col("robot.belief_below")
+    lists = "robot.decision", "robot.belief_below"
+    robots = runs.rows("truth", *lists).explode(*lists).drop_nulls()
+    by_run = (
+        robots.join(cells, on="cell")
+        .group_by(*ENTRY, "run", maintain_order=True)
+        .agg(
+            robots=pl.len(),
+            decided=(decision >= 0).sum(),
+            confidence=pl.when(decision == 0).then(below).when(decision > 0).then(1.0 - below).sum(),
+            right=(decision == pl.col("truth")).sum(),
+        )
+    )
+    rows = []
+    for own in by_run.partition_by("name", maintain_order=True):
+        sums = own.select("confidence", "right").to_numpy().T
+        row = own.select(ENTRY).row(0, named=True)
+        row["decided_share"] = int(own["decided"].sum()) / int(own["robots"].sum())
+        confidence, right = np.transpose(cluster_shares(sums, own["decided"])).tolist()
+        row |= columns_of("confidence_share", confidence) | columns_of("right_share", right)
+        rows.append(row | {"too_confident": right[2] < confidence[1]})
     return pl.DataFrame(rows, infer_schema_length=None)

@@ -27,9 +27,8 @@ from vibroswarm.paper.claims import Claim, Selection, Value, mean
 from vibroswarm.paper.columns import adapted, published, real_floor
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.statistics.decidability import decidability, decidability_of_share
-from vibroswarm.statistics.figures import columns_of, interval
-from vibroswarm.statistics.intervals import columns_of as interval_columns
-from vibroswarm.statistics.intervals import mean_interval
+from vibroswarm.statistics.figures import interval
+from vibroswarm.statistics.intervals import columns_of, mean_interval
 from vibroswarm.study.batch import WALK
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.run import MOST_RUNS
@@ -93,9 +92,9 @@ class Cells:
             row = {"column": self.column, **cell.texts, "runs": own.height}
             for name in OUTCOMES:
                 t_end_s = cell.scenario.run.t_end_s
-                row |= interval_columns(name, interval(name, columns_of(own), t_end_s=t_end_s))
+                row |= columns_of(name, interval(name, own, t_end_s=t_end_s))
             for name in WALKED:
-                row |= interval_columns(name, mean_interval(own[name]))
+                row |= columns_of(name, mean_interval(own[name]))
             rows.append(row)
         return pl.DataFrame(rows, infer_schema_length=None)
 

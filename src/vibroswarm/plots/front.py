@@ -11,7 +11,7 @@ from vibroswarm.plots.inputs import run_counts, tidy
 from vibroswarm.plots.layout import legend_below, of_runs, percent_axis, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, PAPER, SERIES, Look, looks_of, style_named
-from vibroswarm.statistics.fronts import pareto_front
+from vibroswarm.statistics.best_group import pareto_front
 
 NAMED_UP_TO = 12
 """Most points that have their names beside them: all, or those of the front."""

@@ -16,7 +16,7 @@ from vibroswarm.plots.layout import few_ticks, new_figure, panels_of
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import INK, LINES, SERIES, style_named
 from vibroswarm.result import Result
-from vibroswarm.statistics.reports_over_time import (
+from vibroswarm.statistics.over_time import (
     estimates_of,
     report_headings,
     reports_over_time,

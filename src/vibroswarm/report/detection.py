@@ -1,7 +1,7 @@
 """The report of ``detect``: which fill ratios are found, by how many robots, and how soon.
 
 A floor is *missed* in a run without a right consensus, a *false alarm* is a wrong consensus on "more". A floor is
-*found* when its misses and the false alarms on some floor below are both rare (``statistics.detection``).
+*found* when its misses and the false alarms on some floor below are both rare (``study.detection``).
 """
 
 from __future__ import annotations
@@ -59,7 +59,6 @@ def of_detection(detection: Detection) -> Report:
 
 FOLDED: Final = {
     "needed": "Every floor, all columns",
-    "maps": "Maps",
     "detection": "Misses and false alarms over time",
     "pairs": "All pairs of floors",
     "summary": "All figures",

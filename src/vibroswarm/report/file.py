@@ -8,7 +8,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.core.folders import kind_of
-from vibroswarm.core.numbers import count, listed, percent
+from vibroswarm.core.numbers import count, listed
 from vibroswarm.core.tables import read_frame
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
@@ -16,7 +16,7 @@ from vibroswarm.report.report import Report, Table, report
 from vibroswarm.report.save import DATA, read
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import versions
-from vibroswarm.study.verify import Verified
+from vibroswarm.study.store import Verified
 
 OF_SEARCH: Final = {"space", "objective", "search"}
 OF_STUDY: Final = {"grid", "zip", "list", "sobol", "runs", "until"}
@@ -93,10 +93,9 @@ def _text(value: Any) -> str:
 def of_verified(verified: Verified) -> Report:
     """Return how many runs came out the same, and which did not."""
     again = verified.runs.height
-    upper = percent(verified.differing_share.high, None, digits=2)
     answer = (
-        f"{'Verified' if verified.holds else 'NOT VERIFIED'}: {verified.same} of {count(again, 'run')} came out the "
-        f"same again, bit by bit; of all {verified.saved}, less than {upper} differ (95 %).",
+        f"{'Verified' if verified.holds else 'NOT VERIFIED'}: {verified.runs['same'].sum()} of "
+        f"{count(again, 'run')}, of {verified.saved}, came out the same again, bit by bit.",
     )
     return Report(
         f"Runs of {verified.folder} simulated again",

@@ -19,7 +19,7 @@ from vibroswarm.plots.run import maps_figure
 from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.simulation import versions
 from vibroswarm.statistics.intervals import Interval
-from vibroswarm.statistics.map_scores import SURE, calibration
+from vibroswarm.statistics.map_figures import SURE, calibration
 
 ROWS: Final = 12
 """Rows of the table of scores over time."""

@@ -6,8 +6,7 @@ from collections.abc import Collection, Sequence
 
 from vibroswarm.core.numbers import count, listed, stated
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.statistics.robot_knowledge import claims_notes
-from vibroswarm.statistics.verdict import answers_of
+from vibroswarm.statistics.verdict import answers_of, has_wrong_rates
 from vibroswarm.strategies import known
 from vibroswarm.strategies.static_analysis import told
 
@@ -43,7 +42,7 @@ def _facts(scenario: Scenario) -> tuple[str, ...]:
 
 def _beyond_reality(scenario: Scenario) -> list[str]:
     true_places = ["true places (no real robot)"] if scenario.reads_true_places else []
-    return true_places + ["wrong error rates of the sensor"] * bool(claims_notes([scenario]))
+    return true_places + ["wrong error rates of the sensor"] * has_wrong_rates(scenario)
 
 
 def versions_by_name(made_by: Sequence[dict[str, str]]) -> dict[str, str]:

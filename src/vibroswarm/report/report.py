@@ -81,7 +81,7 @@ KINDS: Final = {
     "vibroswarm.study.runs": "study",
     "vibroswarm.study.detection": "detection",
     "vibroswarm.scenario.scenario": "file",
-    "vibroswarm.study.verify": "file",
+    "vibroswarm.study.store": "file",
     "vibroswarm.search.sensitivity": "search",
     "vibroswarm.search.options": "search",
     "vibroswarm.league.play": "league",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import asdict
 from functools import partial
 from typing import Any, Final
 
@@ -21,22 +22,21 @@ from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.statistics.answers_over_time import answers_in
 from vibroswarm.statistics.decidability import decidability
 from vibroswarm.statistics.figures import run_figures
-from vibroswarm.statistics.map_figures import floor_maps, keeps_floor_map
-from vibroswarm.statistics.reports_over_time import report_headings, reports_over_time
-from vibroswarm.statistics.robot_knowledge import counted, gate_unreached
+from vibroswarm.statistics.map_figures import floor_maps
+from vibroswarm.statistics.over_time import answers_in, report_headings, reports_over_time
 from vibroswarm.statistics.sampling import blocked_words
 from vibroswarm.statistics.verdict import (
     Verdict,
     answers_of,
     decision_words,
-    has_own_estimate,
+    gate_unreached,
     holds_opinions,
     mean_over_time,
     verdict,
 )
+from vibroswarm.strategies.place_map import WITH_MAP
 
 MOST_ROBOTS: Final = 20
 """Most robots with a row each in a terminal."""
@@ -125,7 +125,8 @@ def _robot_tables(result: Result, swarm: Verdict, run: int) -> Iterator[tuple[st
     scenario = result.scenario
     opinion = holds_opinions(scenario)
     is_large = len(swarm.robots) > MOST_ROBOTS
-    estimate = "opinion" if opinion else "estimate" if has_own_estimate(scenario) else "share of ones"
+    own = "estimate" if scenario.strategy.entry.has_own_estimate else "share of ones"
+    estimate = "opinion" if opinion else own
     titles = {"posterior": estimate, "own_samples": "own", "messages_heard": "heard"}
     caption = "Confidence: belief in the own decision when it was made."
     if opinion:
@@ -206,7 +207,7 @@ def _reported(result: Result, run: int) -> Iterator[tuple[str, Table | Figure]]:
 def _maps(result: Result, run: int) -> Iterator[tuple[str, Table | Figure]]:
     if result.scenario.change.is_given:
         yield "answers", Table(answers_in(result).filter(run=run).drop("run"), "Answers over time")
-    if not keeps_floor_map(result.scenario):
+    if result.scenario.strategy.name not in WITH_MAP:
         return
     maps = floor_maps(result).filter(run=run)
     pooled = maps.filter(pl.col("robot").is_null()).sort("row", "column")
@@ -231,8 +232,8 @@ def _draw_maps(result: Result, maps: pl.DataFrame, run: int) -> Picture:
 def _verdict_table(swarm: Verdict) -> Table:
     values = {
         name: ", ".join(value) if isinstance(value, tuple) else value
-        for name, value in swarm.as_dict().items()
-        if name not in ("robots", "presumed")
+        for name, value in asdict(swarm).items()
+        if name != "robots"
     }
     return Table(pl.DataFrame([values], infer_schema_length=None), "All numbers of the run", folded=True)
 
@@ -247,9 +248,7 @@ def _warnings(result: Result, swarm: Verdict, run: int) -> Iterator[str]:
     if blocked := blocked_words(robots["blocked_share"].mean()):  # type: ignore[arg-type]
         yield blocked
     if result.seed is not None and swarm.undecided == len(swarm.robots):
-        most = robots.select(counted(result.scenario.decision.gate)).item()
-        if unreached := gate_unreached(result.scenario, most):
-            yield unreached
+        yield from filter(None, [gate_unreached(result.scenario, robots)])
     if result.scenario.change.is_given and swarm.consensus == "right":
         right = answers_in(result).filter(run=run)["right_at_decision"].item()
         if right is not None and right < 1.0:

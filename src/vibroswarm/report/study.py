@@ -15,14 +15,14 @@ from vibroswarm.report.study_answer import answer
 from vibroswarm.report.study_pictures import pictures
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.search.cell_scores import CellScores
-from vibroswarm.statistics.answers_over_time import JUDGED
 from vibroswarm.statistics.figures import BY_COLUMN, ESTIMATES
 from vibroswarm.statistics.map_figures import MAPPED
+from vibroswarm.statistics.over_time import JUDGED
 from vibroswarm.statistics.sampling import blocked_words
 from vibroswarm.statistics.verdict import answers_of
 from vibroswarm.study.batch import WALK
+from vibroswarm.study.cells import LABEL
 from vibroswarm.study.comparison import Compared
-from vibroswarm.study.factors import LABEL
 from vibroswarm.study.options import warnings_of
 from vibroswarm.study.runs import Runs
 from vibroswarm.study.summary import Outcome, outcome_of
@@ -58,7 +58,7 @@ def of_study(outcome: Outcome, scores: CellScores | None = None) -> Report:
         **dict(pictures(outcome)),
         **dict(_folded_tables(outcome)),
     }
-    each = counts((one.summary.runs for one in outcome.cells), "run")
+    each = counts((one.runs for one in outcome.cells), "run")
     each_cell = " each" if len(outcome.cells) > 1 else ""
     return Report(
         title=runs.name or _title(outcome),
@@ -105,7 +105,7 @@ def _title(outcome: Outcome) -> str:
 def _figures(outcome: Outcome) -> list[str]:
     scenarios = [one.cell.scenario for one in outcome.cells]
     asks_numbers = [scenario.task.asks_number for scenario in scenarios]
-    lacks_truth = any(one.summary.swarm_right.n < one.summary.runs for one in outcome.cells)
+    lacks_truth = any(one.figures["swarm_right"].n < one.runs for one in outcome.cells)
     names = [
         *(() if all(asks_numbers) else (*OUTCOMES, *DECISIONS)),
         *((*AGREED, "agreement_lasted") if lacks_truth and not all(asks_numbers) else ()),
@@ -119,7 +119,7 @@ def _figures(outcome: Outcome) -> list[str]:
 
 def _outcome_tables(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Table]]:
     few, one_pair = len(outcome.cells) <= FEW_CELLS, len(outcome.answers) == 1
-    ends = {stated(one.summary.t_end_s) for one in outcome.cells}
+    ends = {stated(one.t_end_s) for one in outcome.cells}
     whole = f"{ends.pop()} s" if len(ends) == 1 else "the whole run"
     caption = "Means over runs with 95 % intervals."
     if "decision_time_s" in names:
@@ -254,9 +254,8 @@ def _folded_tables(outcome: Outcome) -> Iterator[tuple[str, Table]]:
 
 def _warnings(outcome: Outcome) -> Iterator[str]:
     runs = outcome.runs
-    missing = int((runs.cell_table["wanted"] - runs.cell_table["there"]).sum())
-    if missing or outcome.without_runs:
-        yield f"{count(missing, 'run')} missing; repeat the command to add them."
+    if outcome.missing:
+        yield f"{count(outcome.missing, 'run')} missing; repeat the command to add them."
     if len(runs.store.made_by) > 1:
         yield "Runs were made by different versions of the software; last digits may differ."
     cells: dict[str, list[str]] = {}

@@ -59,13 +59,13 @@ def _cell_line(one: CellOutcome, row: dict[str, Any]) -> str:
         texts = [f"{BY_NAME[name].title} {_written(row, name)}" for name in names if row[name] is not None]
         return f"{one.cell.name}: {'; '.join(texts)}."
     outcomes = {"swarm_right": "right", "swarm_wrong": "wrong"}
-    if one.summary.swarm_right.n < one.summary.runs:
+    if one.figures["swarm_right"].n < one.runs:
         answers = answers_of(scenario)
         outcomes = {f"agreed_on_{place}": f"'{text}'" for place, text in enumerate(answers[:2])}
         outcomes |= {"agreed_on_other": "another answer"} if len(answers) > 2 else {}
     outcomes |= {"swarm_split": "split", "swarm_incomplete": "undecided"}
     texts = [f"{_written(row, name)} {text}" for name, text in outcomes.items() if row[name]]
-    swarms = f"of {count(one.summary.runs, 'swarm')} {', '.join(texts)}"
+    swarms = f"of {count(one.runs, 'swarm')} {', '.join(texts)}"
     return f"{one.cell.name}: {swarms}; decision time {_written(row, 'decision_time_s')}."
 
 

@@ -83,10 +83,10 @@ def _fill_ratios(sources: Sequence[str]) -> list[Any]:
 def _outcomes(outcome: Outcome) -> Picture:
     rows = []
     for one in outcome.cells:
-        shares = {kind: one.summary.figures[f"swarm_{kind}"] for kind in CONSENSUS}
+        shares = {kind: one.figures[f"swarm_{kind}"] for kind in CONSENSUS}
         counted = {kind: round(share.estimate * share.n) if share.n else 0 for kind, share in shares.items()}
         right = shares["right"]
-        limits = {"right_low": right.low, "right_high": right.high} if right.n == one.summary.runs else {}
+        limits = {"right_low": right.low, "right_high": right.high} if right.n == one.runs else {}
         rows.append({"cell": one.cell.name, **counted, **limits})
     frame = pl.DataFrame(rows, infer_schema_length=None)
     return draw_outcomes(frame, interval="95 % Wilson interval", style="page")
@@ -149,7 +149,7 @@ def _map(table: pl.DataFrame, labels: Sequence[str], name: str) -> Picture:
 
 
 def _over_time(outcome: Outcome) -> Iterator[tuple[str, Figure]]:
-    with_truth = [one for one in outcome.cells if one.summary.swarm_right.n]
+    with_truth = [one for one in outcome.cells if one.figures["swarm_right"].n]
     if len(with_truth) <= FEW_CELLS:
         for unit in ("robot", "swarm"):
             draw = partial(_incidence, outcome, with_truth, unit)
@@ -161,16 +161,14 @@ def _over_time(outcome: Outcome) -> Iterator[tuple[str, Figure]]:
 def _incidence(outcome: Outcome, cells: Sequence[CellOutcome], unit: str) -> Picture:
     compute = robot_incidence if unit == "robot" else swarm_incidence
     frames = [
-        compute(*outcome.runs.tables(one.cell), one.summary.t_end_s).with_columns(
-            series=pl.lit(one.cell.name)
-        )
+        compute(*outcome.runs.tables(one.cell), one.t_end_s).with_columns(series=pl.lit(one.cell.name))
         for one in cells
     ]
     return draw_incidence(
         pl.concat(frames),
-        runs=min(one.summary.runs for one in cells),
+        runs=min(one.runs for one in cells),
         unit="robot" if unit == "robot" else "run",
-        t_end=max(one.summary.t_end_s for one in cells),
+        t_end=max(one.t_end_s for one in cells),
     )
 
 
@@ -182,7 +180,7 @@ def _consensus(outcome: Outcome) -> Picture:
     return draw_boxes(
         rows,
         label="consensus time (s)",
-        t_end=max(one.summary.t_end_s for one in outcome.cells),
+        t_end=max(one.t_end_s for one in outcome.cells),
         missing="without consensus",
         style="page",
     )
@@ -192,7 +190,7 @@ def _fronts(outcome: Outcome) -> Iterator[tuple[str, Figure]]:
     """Yield time against error for each floor with several cells: the floor cannot be chosen, settings can."""
     floors: dict[str, list[int]] = {}
     for one in outcome.cells:
-        if one.summary.figures["forced_error"].n:
+        if one.figures["forced_error"].n:
             floors.setdefault(str(one.cell.point.get(SOURCE, "")), []).append(one.cell.number)
     for place, (floor, cells) in enumerate(list(floors.items())[:MOST_MAPS]):
         if len(cells) > 2:

@@ -20,8 +20,7 @@ from vibroswarm.result import Result
 from vibroswarm.scenario.disturbance_fields import MOTION_FAULTS, change_words
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.statistics.map_figures import keeps_floor_map, maps_over_time
-from vibroswarm.statistics.robot_knowledge import true_places_notes
+from vibroswarm.statistics.map_figures import maps_over_time
 from vibroswarm.statistics.verdict import (
     Verdict,
     estimates_in_words,
@@ -30,6 +29,7 @@ from vibroswarm.statistics.verdict import (
     verdict,
 )
 from vibroswarm.strategies import strategy as strategy_of
+from vibroswarm.strategies.place_map import WITH_MAP
 from vibroswarm.strategies.static_analysis import fields_read
 
 POSE_S: Final = 0.25
@@ -94,7 +94,7 @@ def payload(result: Result, run: int = 0, *, title: str = "") -> dict[str, Any]:
     samples = _samples(result, run)
     return {
         "title": title or f"{count(scenario.swarm.robots, 'robot')} on {floor.name}",
-        "strategy": strategy_name(scenario.strategy.name),
+        "strategy": strategy_name(scenario),
         "seed": result.seed,
         "run": run,
         "arena": dict(zip(("width_m", "height_m"), size_m, strict=True)),
@@ -108,7 +108,9 @@ def payload(result: Result, run: int = 0, *, title: str = "") -> dict[str, Any]:
             "ones": float(expected_ones_on(scenario.sensor, at_end, size_m)) if moved else fill_ratio,
             "decision": summary["truth"],
         },
-        "notes": list(true_places_notes([scenario])),
+        "notes": ["True places: an upper bound, as real robots must estimate theirs."]
+        if scenario.reads_true_places
+        else [],
         "outcome": {"consensus": summary["consensus"], "time_s": summary["consensus_time_s"]},
         "estimates": None if found is None else _estimates(found),
         "robots": result.robots.filter(run=run).select(ROBOT_COLUMNS).sort("robot").to_dicts(),
@@ -204,7 +206,7 @@ def _places(samples: pl.DataFrame, places: pl.DataFrame) -> dict[str, Any]:
 def _maps(result: Result, run: int, end_s: float) -> dict[str, Any] | None:
     """Return the robots' maps and the pooled map over time, or the latter alone if all would be too large."""
     is_lost = result.seed is None or (is_estimated(result.scenario) and result.moves is None)
-    if is_lost or not keeps_floor_map(result.scenario):
+    if is_lost or result.scenario.strategy.name not in WITH_MAP:
         return None
     time_s = np.linspace(0.0, end_s, MAP_TIMES)
     beliefs = maps_over_time(result, run, time_s)

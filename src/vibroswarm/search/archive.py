@@ -15,7 +15,7 @@ import numpy as np
 
 from vibroswarm.search.objective import Objective, Rows
 from vibroswarm.search.space import Point, Space, Values
-from vibroswarm.statistics.fronts import pareto_front
+from vibroswarm.statistics.best_group import pareto_front
 
 
 @dataclass

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError, plain_value
 from vibroswarm.scenario.scenario import Scenario, value_of
-from vibroswarm.study.factors import bounds_of, fields_in, value_between
+from vibroswarm.study.cells import bounds_of, fields_in, value_between
 
 Point = NDArray[np.float64]
 """A point in the unit cube, (dimensions,)."""

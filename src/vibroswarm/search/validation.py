@@ -34,7 +34,7 @@ from vibroswarm.search.objective import (
 )
 from vibroswarm.search.space import Values
 from vibroswarm.search.spec import Search
-from vibroswarm.statistics.fronts import pareto_front
+from vibroswarm.statistics.best_group import pareto_front
 from vibroswarm.statistics.intervals import Interval, bounded_mean, cluster_share, columns_of, plain
 from vibroswarm.study.run import pool_for
 

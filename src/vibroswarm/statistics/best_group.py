@@ -1,7 +1,4 @@
-"""Name the best of several contestants together with all that cannot be told apart from it.
-
-The best of several estimates is partly lucky: of contestants that are all alike, one is in front by chance. So no
-single winner is named. A contestant is left out of the best group only if another one is significantly better.
+"""Name the best of several contestants with all that cannot be told apart from it, as the best is partly lucky.
 
 | name | symbol | equation |
 |---|---|---|
@@ -27,7 +24,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, stdtrit
 
 from vibroswarm.inference.outcomes import Array
@@ -49,17 +46,14 @@ class BestGroup:
     member: NDArray[np.bool_]
     """Whether each contestant is in the best group, (contestants,)."""
     difference: Array
-    """Each contestant - best, with its lower and upper limit, (contestants, 3). Limits are infinite for too few
-    units."""
+    """Each contestant - best, with limits, (contestants, 3); infinite for too few units."""
 
 
 def best_group(figures: Array, units: int) -> BestGroup:
     """Compare contestants pairwise, see the head of this module.
 
     Args:
-        figures: column 0 has the estimates of the contestants, the others their bootstrap draws, (contestants, 1 +
-            draws); at least one contestant. Draws may be nan, estimates may not.
-        units: number of runs that were drawn from.
+        figures: estimates, then bootstrap draws, which may be nan, (contestants, 1 + draws). units: number of runs.
     """
     estimate, drawn = figures[:, 0], figures[:, 1:]
     best = int(estimate.argmin())
@@ -71,11 +65,7 @@ def best_group(figures: Array, units: int) -> BestGroup:
 
 
 def _margins(difference: Array, drawn: Array, units: int) -> Array:
-    """Return c_n s_ij of all pairs, (contestants, contestants).
-
-    Args:
-        difference: d_ij. drawn: m_i*, (contestants, draws). units: n.
-    """
+    """Return c_n s_ij of all pairs, (contestants, contestants)."""
     error, largest, pairs = np.zeros(difference.shape), np.full(drawn.shape[1], np.nan), 0
     for one in range(len(drawn) - 1):  # not all pairs at once, which may be many
         apart, own = drawn[one] - drawn[one + 1 :], difference[one, one + 1 :]
@@ -93,3 +83,15 @@ def _margins(difference: Array, drawn: Array, units: int) -> Array:
         tail = min(tail, (1.0 - LEVEL) / (2 * pairs))
     critical = -stdtrit(units - 1, tail) * math.sqrt(units / (units - 1))
     return np.asarray(critical * error)
+
+
+def pareto_front(*figures: ArrayLike) -> NDArray[np.bool_]:
+    """Return which points are on the Pareto front, (points,): less is better in each figure; nan never is."""
+    rows = np.column_stack([np.asarray(figure, dtype=np.float64) for figure in figures])
+    front = np.zeros(len(rows), dtype=np.bool_)
+    # By the first figure, at equal ones by the second and so on: no point is dominated by a later one only.
+    for k in np.lexsort(rows.T[::-1]):
+        best, own = rows[front], rows[k]
+        dominates = (best <= own).all(axis=1) & (best < own).any(axis=1)
+        front[k] = not (dominates.any() or np.isnan(own).any())
+    return front

@@ -1,8 +1,5 @@
 """Compute whether a question can be decided at all: is the expected share of ones on the right side of the boundary?
 
-A bit is the 0 or 1 that a sample reads. The share of ones is on the right side if it is above the tested boundary
-where the fill ratio is above the boundary, and below where it is below.
-
 | name | symbol | equation |
 |---|---|---|
 | fill ratio, boundary | f, x | the question: is f above x? |
@@ -11,15 +8,9 @@ where the fill ratio is above the boundary, and below where it is below.
 | margin | - | q - q(x) where f > x, q(x) - q where f < x: above 0 is the right side |
 | samples needed | n | P(share of n independent bits is not on q's side of q(x)) <= error |
 
-With ``boundary_of = "readings"`` robots treat each bit as if the sensor made no errors: q(x) = x. If false positives
-and false negatives do not balance at the boundary, q is on the wrong side for fill ratios near the boundary, and **more
-samples make the wrong answer surer**. With ``boundary_of = "tiles"`` robots correct for the errors that they claim
-(``sensor.claimed_rates``, else the true ones), while q is always that of the true law. Then q is on the wrong side only
-if they claim or assume wrong error rates, or if vibration crosses the edges of this floor more, or less, than on an
-average random floor.
-
-All this is about a robot's own samples. Under soft or positive feedback robots also hear beliefs or decisions: these
-make the answer to which the samples lean, right or wrong, faster and surer, but do not change it.
+With ``boundary_of = "readings"`` q(x) = x: if the sensor's errors do not balance at the boundary, q is on the wrong
+side near it, and **more samples make the wrong answer surer**. With ``"tiles"`` robots correct for the errors that
+they claim; q is that of the true law. Feedback makes the answer to which own samples lean faster and surer, no other.
 """
 
 from __future__ import annotations
@@ -41,9 +32,8 @@ from vibroswarm.observation.decision_boundary import (
     expected_ones_on,
     readings_boundary,
 )
-from vibroswarm.observation.energy_model import model_of
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.statistics.intervals import ForJson, wilson_limits
+from vibroswarm.statistics.intervals import wilson_limits
 
 Word = Literal[
     "decidable", "wrong side", "on the boundary", "indistinguishable from the boundary", "not assessed"
@@ -59,23 +49,16 @@ SENTENCES: Final[dict[Word, str]] = {
 
 ON = 1e-9
 """A share closer to the boundary than this is on it."""
-_EXACT_UP_TO = 100_000
-"""Above this number, ``samples_needed`` uses the normal approximation."""
 
 
 @dataclass(frozen=True)
-class Decidability(ForJson):
-    """Whether the question can be decided from own samples.
-
-    The module's docstring explains the terms.
-    """
+class Decidability:
+    """Whether the question can be decided from own samples."""
 
     verdict: Word
     """On which side of the tested boundary the share of ones is, in a word."""
-    says: str
-    """The verdict in a sentence."""
-    boundary: float
-    """The boundary of the question."""
+    seen: str
+    """The share, in words."""
     tested: float
     """The share of ones with which robots compare: the boundary itself, or the share of ones expected at it."""
     truth: int | None
@@ -90,12 +73,13 @@ class Decidability(ForJson):
     """Lower limit of a measured share."""
     share_high: float | None = None
     """Upper limit of a measured share."""
-    effective_samples: float | None = None
-    """Number of independent samples behind a measured share."""
     samples_needed: int | None = None
     """Independent samples for the wanted error; None unless two kinds of tile are decidable."""
-    threshold: float | None = None
-    """The sensor's threshold theta; None if it reads without one."""
+
+    @property
+    def says(self) -> str:
+        """The verdict in a sentence."""
+        return f"{self.seen}: {SENTENCES[self.verdict]}."
 
     @property
     def is_warning(self) -> bool:
@@ -106,19 +90,15 @@ class Decidability(ForJson):
 def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = None) -> Decidability:
     """Compute whether a scenario's question can be decided from the samples that its swarm will take.
 
-    The verdict is "not assessed" for a task other than ``fill_ratio``; and, unless the share of ones is on the right
-    side, for robots that weigh readings by error rates.
+    "not assessed" for a task other than ``fill_ratio``, and, unless the share of ones is on the right side, for robots
+    that weigh readings by error rates.
 
     Args:
-        scenario: its task, sensor, arena, floor and decision are used, and whether its strategy knows error rates.
         error: wanted probability of a wrong majority of bits, for ``samples_needed``.
-        floor: by default the floor of run 0 with seed 0, which stands for the scenario's other random floors, because
-            all have the same fill ratio (unless the arena's border cuts tiles off). At least a part of the floor must
-            lie in the arena; this is always true of the scenario's own floors. Of a floor that changes, the one at the
-            end of the run counts.
+        floor: by default that of run 0 with seed 0; of a floor that changes, the one at the end of the run counts.
     """
     floor, sensor = (floor or scenario.floor_for(0, 0)).at(scenario.run.t_end_s), scenario.sensor
-    size = (scenario.arena.width_m, scenario.arena.height_m)
+    size = scenario.arena.size_m
     fill = floor.fill_ratio_within(*size)
     truth = truth_on(scenario, floor)
     if max(sensor.kinds, sensor.readings) > 2:
@@ -127,18 +107,27 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
         share = expected_ones_on(sensor, floor, size)
         found = decidability_of_share(share, readings_boundary(scenario), truth, error=error)
         if not _is_assessed(scenario, floor, found):
-            found = _with_verdict(found, "not assessed", found.says.partition(":")[0])
-    return replace(
-        found,
-        says="Floor at the end: " * scenario.change.is_given + found.says,
-        boundary=scenario.decision.decision_boundary,
-        fill_ratio=fill,
-        threshold=sensor.rms_threshold if model_of(sensor).share_at_most is not None else None,
-    )
+            found = replace(found, verdict="not assessed", samples_needed=None)
+    when = "Floor at the end: " if scenario.change.is_given else ""
+    return replace(found, seen=when + found.seen, fill_ratio=fill)
 
 
-def _with_verdict(found: Decidability, verdict: Word, seen: str) -> Decidability:
-    return replace(found, verdict=verdict, says=f"{seen}: {SENTENCES[verdict]}.", samples_needed=None)
+def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None) -> Decidability:
+    """Return whether the most common kind of tile, ``truth``, is read most often on this floor."""
+    sensor = scenario.sensor
+    verdict: Word = "decidable"
+    shares = expected_classes_on(sensor, floor, scenario.arena.size_m)
+    read = int(shares.argmax())
+    margin = None if truth is None else float(shares[truth] - np.delete(shares, truth).max())
+    seen = f"{percent(shares[read])} of the samples read as kind {read}, more than as any other"
+    if scenario.task.name != "majority" or sensor.kinds != sensor.readings:
+        verdict, margin = "not assessed", None
+    elif margin is None or abs(margin) < ON:
+        verdict = "on the boundary"
+    elif margin < 0.0:
+        verdict, seen = "wrong side", f"{seen}, but kind {truth} is the most common"
+    boundary = scenario.decision.decision_boundary
+    return Decidability(verdict, seen, boundary, truth, float(shares[1]), margin)
 
 
 def _is_assessed(scenario: Scenario, floor: Floor, found: Decidability) -> bool:
@@ -149,23 +138,6 @@ def _is_assessed(scenario: Scenario, floor: Floor, found: Decidability) -> bool:
     assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
     knows_rates = strategy is not None and strategy.knows_error_rates and assumed == (None, None)
     return not knows_rates or found.truth is None or found.verdict == "decidable"
-
-
-def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None) -> Decidability:
-    """Return whether the most common kind of tile, ``truth``, is read most often on this floor."""
-    sensor, boundary = scenario.sensor, scenario.decision.decision_boundary
-    shares = expected_classes_on(sensor, floor, (scenario.arena.width_m, scenario.arena.height_m))
-    read = int(shares.argmax())
-    margin = None if truth is None else float(shares[truth] - np.delete(shares, truth).max())
-    found = Decidability("not assessed", "", boundary, boundary, truth, float(shares[1]), margin)
-    seen = f"{percent(shares[read])} of the samples read as kind {read}, more than as any other"
-    if scenario.task.name != "majority" or sensor.kinds != sensor.readings:
-        return _with_verdict(replace(found, margin=None), "not assessed", seen)
-    if truth is None or margin is None or abs(margin) < ON:
-        return _with_verdict(found, "on the boundary", seen)
-    if margin < 0.0:
-        return _with_verdict(found, "wrong side", f"{seen}, but kind {truth} is the most common")
-    return _with_verdict(found, "decidable", seen)
 
 
 def decidability_of_share(
@@ -179,12 +151,8 @@ def decidability_of_share(
     """Compute from a share of ones, measured or exact, whether the question can be decided.
 
     Args:
-        share: share of ones, 0 to 1. boundary: the tested boundary, with which robots compare the share of ones.
-        truth: 1 if the fill ratio is above the boundary of the question, 0 if it is below, None if it equals it.
-        effective_samples: number of independent samples behind a measured share, which need not be whole. It gives the
-            share an interval, and if there is a truth and this interval contains the boundary, the verdict is
-            "indistinguishable from the boundary". None or infinite: the share is exact and gets no interval.
-        level: of the share's interval. error: wanted probability of a wrong majority, for ``samples_needed``.
+        boundary: the tested boundary. truth: 1: the fill ratio is above the boundary of the question, 0: below.
+        effective_samples: independent samples behind a measured share, which give it an interval; None: it is exact.
     """
     low, high = None, None
     if effective_samples is not None and math.isfinite(effective_samples):
@@ -199,28 +167,22 @@ def decidability_of_share(
     seen = f"{percent(share)} of the samples read as vibrating, which robots compare with {percent(boundary)}"
     return Decidability(
         verdict=verdict,
-        says=f"{seen}: {SENTENCES[verdict]}.",
-        boundary=boundary,
+        seen=seen,
         tested=boundary,
         truth=truth,
         share=share,
         margin=margin,
         share_low=low,
         share_high=high,
-        effective_samples=effective_samples,
         samples_needed=samples_needed(share, boundary, error) if verdict == "decidable" else None,
     )
 
 
 def observed_share(tile: ArrayLike, bits: ArrayLike) -> float:
-    """Estimate the share of ones if each tile were sampled equally often, from the tiles that were sampled.
-
-    It is the mean over tiles of each tile's share of ones, so that unequal numbers of samples per tile do not matter;
-    nan without samples on tiles.
+    """Return the mean over sampled tiles of each tile's share of ones; nan without samples on tiles.
 
     Args:
-        tile: index of the tile of each sample, -1 off all tiles, where the sample is left out. bits: the bit of each
-            sample; both of shape (samples,).
+        tile, bits: tile (-1: none) and bit of each sample, (samples,).
     """
     tile_of, bit = np.asarray(tile, dtype=np.int64), np.asarray(bits, dtype=np.float64)
     on = tile_of >= 0
@@ -246,7 +208,7 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
     if distance < ON:
         return None
     normal = math.ceil((float(ndtri(error)) * math.sqrt(share * (1.0 - share)) / distance) ** 2)
-    if normal > _EXACT_UP_TO:
+    if normal > 100_000:
         return normal
     # The error is not monotonic in n, since counts are whole. So the error is computed for all n up to about twice the
     # normal approximation (and a margin, as small n may need more); the answer is the n after the last one whose error

@@ -1,7 +1,6 @@
 """Figures of runs and of cells: each is declared here, once, and is then in tables, pages, pictures and comparisons.
 
-A figure of a run is one number for each run. The figure of a cell (one scenario, many runs) is made of them, with an
-interval that treats the run as the independent unit:
+A figure of a run is one number. That of a cell is made of its runs, which are the independent units:
 
 | kind | figure of a cell | interval |
 |---|---|---|
@@ -10,9 +9,8 @@ interval that treats the run as the independent unit:
 | robots | sum of a number of robots over runs / sum of another | Wilson, with an effective number of robots |
 | median | median over runs; a run without the figure counts as infinitely late | order statistics |
 
-Columns of the table of figures by run that are no figures of a cell themselves are numbers of robots: ``robots``, and
-of them ``right``, ``wrong``, ``undecided`` and ``decided`` (right or wrong). Right, wrong and decided are nan in runs
-without a truth: there the fill ratio lies on the boundary, so that neither decision is right.
+Numbers of robots (``robots``, right, wrong, undecided, and decided: right or wrong) stand beside them; right, wrong
+and decided are nan in runs without a truth, where the fill ratio lies on the boundary.
 """
 
 from __future__ import annotations
@@ -51,8 +49,7 @@ from vibroswarm.statistics.intervals import (
 COUNTS: Final = ("right", "wrong", "undecided")
 """Columns of the table of runs with numbers of robots."""
 STATED: Final = "stated"
-"""Column of the table of figures by run: number of robots that state the spread of their estimate. It is not one of
-``Swarms.counts``, which searches and leagues read of robots without spreads."""
+"""Column of the table of figures by run: number of robots that state the spread of their estimate."""
 
 
 WITHIN: Final = 1.6448536269514722
@@ -60,30 +57,20 @@ WITHIN: Final = 1.6448536269514722
 ROOT_TAU, ROOT_PI = math.sqrt(2.0 * math.pi), math.sqrt(math.pi)
 
 
-FOLLOWED: Final = {
-    "agreement_held": "holds",
-    **{
-        name: name
-        for name in (
-            *("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
-            "change_time_error_s",
-            *("map_brier", "map_auc", "map_location_error_m", "detection_time_s"),
-        )
-    },
-}
-"""Columns of runs that only some have, by name, with their name in the table of agreements: of answers followed over
-time (``statistics.answers_over_time``), and of maps (``statistics.map_figures``)."""
+FOLLOWED: Final = (
+    *("agreement_held", "right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
+    *("change_time_error_s", "map_brier", "map_auc", "map_location_error_m", "detection_time_s"),
+)
+"""Columns of runs that only some have: of answers and maps that are followed over time."""
 
 
 class Swarms:
-    """Runs and their robots, from which the figures of runs are computed. The robots of all runs are in one row.
+    """Runs and their robots, from which the figures of runs are computed; nan where a value is missing.
 
     Args:
-        robots: columns of the table of robots, (robots of all runs,) each, run by run; nan where a value is missing.
-        runs: columns of the table of runs, (runs,) each; ``consensus`` is an index into ``outcomes.CONSENSUS``.
-            ``agreement_held`` is 1 if opinions still agree at the end, 0 if not, and nan without an agreement.
-        first: (runs,): index of each run's first robot. t_end_s: end of the runs, s: one number, or one for each run.
-        costs: of ``outcomes.costs_of``, one table for all runs or one for each, (runs, answers, answers).
+        robots: columns of the table of robots, (robots of all runs,), run by run. runs: of the table of runs, (runs,);
+            ``consensus`` is an index into ``outcomes.CONSENSUS``. first: (runs,): index of each run's first robot.
+        t_end_s: one number, or one for each run. costs: of ``outcomes.costs_of``, ([runs,] answers, answers).
     """
 
     def __init__(
@@ -94,29 +81,17 @@ class Swarms:
         t_end_s: ArrayLike,
         costs: Array | None = None,
     ) -> None:
-        self.robots, self.runs, self.first, self.costs = robots, runs, first, costs
+        self.robots, self.first, self.costs = robots, first, costs
+        self.runs = dict.fromkeys(FOLLOWED, np.full(first.size, np.nan)) | {**runs}
         self.count: NDArray[np.int64] = np.diff(np.append(first, robots["decision"].size)).astype(np.int64)
         self.t_end_s = np.broadcast_to(np.asarray(t_end_s, dtype=np.float64), first.shape)
 
     @classmethod
     def of_tables(
-        cls,
-        robots: pl.DataFrame,
-        runs: pl.DataFrame,
-        t_end_s: float,
-        agreements: pl.DataFrame | None = None,
-        costs: Array | None = None,
+        cls, robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, costs: Array | None = None
     ) -> Swarms:
-        """Read the tables of one cell, as a ``Result`` has them, in any order of rows.
-
-        Args:
-            t_end_s: end of a run, s. agreements: ``answers_over_time.AGREEMENTS``; None: decisions are final.
-            costs: of the cell's scenario, ``outcomes.costs_of``.
-        Raises:
-            InputError: the tables have different runs, or a run occurs twice.
-        """
-        robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
-        runs = runs.sort("run")
+        """Read the tables of one cell, as a ``Result`` has them, in any order of rows."""
+        robots, runs = robots.sort("run", "robot"), runs.sort("run")
         number = robots["run"].to_numpy()
         # A run starts at row 0, if the table has rows, and wherever the run number changes.
         first = np.flatnonzero(np.append(number.size > 0, number[1:] != number[:-1]))
@@ -124,50 +99,26 @@ class Swarms:
             raise InputError(
                 "the tables of robots and of runs must have the same runs, once each", field="runs"
             )
-        if agreements is not None:
-            runs = runs.join(agreements, on="run", how="left", maintain_order="left")
-        return cls.of_sorted(robots, runs, first, t_end_s, costs)
-
-    @classmethod
-    def of_sorted(
-        cls,
-        robots: pl.DataFrame,
-        runs: pl.DataFrame,
-        first: NDArray[np.intp],
-        t_end_s: ArrayLike,
-        costs: Array | None = None,
-    ) -> Swarms:
-        """Read tables with the same order of runs, possibly of several cells.
-
-        Args:
-            runs: with those columns of agreements and maps that are known. first, t_end_s, costs: as of the class.
-        """
         # Figures compare the integer codes of the categories. The cast gives a column of plain strings these codes too.
-        of_runs = _TableColumns(runs.with_columns(pl.col("consensus").cast(RUNS["consensus"]).to_physical()))
-        for name, column in FOLLOWED.items():
-            known = column in runs.columns
-            of_runs[name] = numbers(runs[column]) if known else np.full(first.size, np.nan)
-        return cls(_TableColumns(robots), of_runs, first, t_end_s, costs)
+        runs = runs.with_columns(pl.col("consensus").cast(RUNS["consensus"]).to_physical())
+        of_robots, of_runs = ({one.name: numbers(one) for one in table} for table in (robots, runs))
+        return cls(of_robots, of_runs, first, t_end_s, costs)
 
     @classmethod
     def of_arrays(
         cls, robots: Columns, runs: Columns, t_end_s: ArrayLike, costs: Sequence[Array | None] = ()
     ) -> Swarms:
-        """Read arrays of runs whose swarms have the same size, possibly of several cells.
+        """Read arrays, (..., runs, robots) and (..., runs), of runs whose swarms have the same size.
 
         Args:
-            robots: columns of the table of robots, (..., runs, robots) each. runs: columns of the table of runs, (...,
-                runs) each, or (runs,) if all cells share the values.
-            t_end_s: end of a run, s: one number, or one for each cell in the shape of the leading axes.
-            costs: ``outcomes.costs_of`` of each cell, along the one leading axis; empty: two answers of equal costs.
+            t_end_s: one number, or one for each cell. costs: ``outcomes.costs_of`` of each cell, along the first axis.
         """
         shape = robots["decision"].shape
         end_s = np.broadcast_to(np.asarray(t_end_s, dtype=np.float64)[..., None], shape[:-1])
         of_cells = stacked(costs)
         return cls(
             {name: column.ravel() for name, column in robots.items()},
-            {name: np.broadcast_to(column, shape[:-1]).ravel() for name, column in runs.items()}
-            | {name: np.full(math.prod(shape[:-1]), np.nan) for name in FOLLOWED},
+            {name: np.broadcast_to(column, shape[:-1]).ravel() for name, column in runs.items()},
             np.arange(0, math.prod(shape), shape[-1]),
             end_s.ravel(),
             None if of_cells is None else np.repeat(of_cells, shape[-2], axis=0),
@@ -180,10 +131,6 @@ class Swarms:
     def mean(self, values: Array) -> Array:
         """Average ``values`` over the robots of each run that have one (not nan), (runs,); nan if no robot has one."""
         return mean_by_run(values, self.first)
-
-    def least(self, values: Array) -> Array:
-        """Return the smallest of ``values`` over the robots of each run that have one (not nan), (runs,)."""
-        return np.fmin.reduceat(values, self.first) if self.first.size else np.zeros(0)
 
     def by_robot(self, of_runs: Array) -> Array:
         """Repeat a value of each run for each of its robots."""
@@ -232,18 +179,6 @@ def stacked(costs: Sequence[Array | None]) -> Array | None:
     return of_cells
 
 
-class _TableColumns(dict[str, Array]):
-    """Columns of a table as arrays of floats, each made when it is first asked for; nan where a value is missing."""
-
-    def __init__(self, table: pl.DataFrame) -> None:
-        super().__init__()
-        self._table = table
-
-    def __missing__(self, name: str) -> Array:
-        self[name] = numbers(self._table[name])
-        return self[name]
-
-
 @dataclass(frozen=True)
 class RunFigure:
     """A figure: how it is computed for each run, how runs make it a figure of a cell, and how it is shown."""
@@ -255,8 +190,7 @@ class RunFigure:
     of_run: Callable[[Swarms], Array]
     """Computes it for each run, (runs,); nan in runs that do not have it."""
     kind: str = "mean"
-    """How runs make it a figure of a cell: "mean", "rate" (of events), "share" (of robots), "runs", "robots" or
-    "median"."""
+    """How runs make it a figure of a cell: "mean", "rate", "share", "runs", "robots" or "median"."""
     better: int = 0
     """1 if larger values are better, -1 if smaller values are, 0 if neither: then it cannot be compared."""
     unit: str = ""
@@ -269,12 +203,9 @@ class RunFigure:
     """Whether searches know what it is computed from: decisions, their times, and beliefs at the end."""
     compared: bool = False
     """Whether cells are compared by it unless other figures are asked for."""
-    picture: str = ""
-    """Title of the picture that a study's page has of it; empty: none."""
     least: float = -math.inf
     most: float = math.inf
-    """Values that a mean can have at least and at most; its limits stay within. Times from 0 on (unit s, ``least`` 0)
-    are at most the end of a run."""
+    """Values that a mean can have at least and at most; times are at most the end of a run."""
 
     @property
     def by_run(self) -> str:
@@ -306,14 +237,7 @@ class RunFigure:
         return width if math.isfinite(width) else math.nan
 
     def mean(self, by_run: ArrayLike, level: float = 0.95, t_end_s: float = math.nan) -> Interval:
-        """Average it over runs, with Student's limits, which stay within what a mean can be.
-
-        Where few runs differ, limits are at least those of rare events (``intervals.allowing_for_rare``).
-
-        Args:
-            by_run: values of the runs; nan is left out. level: confidence level. t_end_s: end of the runs, s; nan: not
-                known, then limits of times may be later.
-        """
+        """Average it over runs, with Student's limits within what a mean can be, see ``intervals.bounded_mean``."""
         if self.is_share:
             return bounded_mean(by_run, 0.0, 1.0, level)
         is_time = self.unit == "s" and self.least == 0.0
@@ -405,7 +329,6 @@ FIGURES: Final = (
         better=-1,
         unit="s",
         compared=True,
-        picture="Decision time (restricted mean)",
         least=0.0,
     ),
     RunFigure(
@@ -414,7 +337,6 @@ FIGURES: Final = (
         _mean_of("belief_in_truth"),
         better=1,
         compared=True,
-        picture="Belief in the truth (the paper's accuracy)",
         least=0.0,
         most=1.0,
     ),
@@ -424,7 +346,6 @@ FIGURES: Final = (
         "right",
         better=1,
         compared=True,
-        picture="Robots that decided rightly",
     ),
     _robots(
         "robots_wrong",
@@ -433,7 +354,6 @@ FIGURES: Final = (
         better=-1,
         of_decisions=True,
         compared=True,
-        picture="Robots that decided wrongly",
     ),
     _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
     RunFigure("forced_error", "forced error", _forced_error, better=-1, of_decisions=True, compared=True),
@@ -443,7 +363,6 @@ FIGURES: Final = (
         "error of the estimate",
         lambda s: s.mean(np.abs(_estimate_misses(s))),
         better=-1,
-        picture="Error of the estimates",
         least=0.0,
     ),
     RunFigure(
@@ -521,7 +440,6 @@ FIGURES: Final = (
         "Brier score of the map",
         lambda s: s.runs["map_brier"],
         better=-1,
-        picture="Brier score of robots' maps at the end (0.25: know nothing)",
         least=0.0,
         most=1.0,
     ),
@@ -548,16 +466,6 @@ FIGURES: Final = (
 ESTIMATES: Final = ("estimate_error", "estimate_coverage", "estimate_crps")
 """Figures that stand in the place of right and wrong where a task asks for a number."""
 
-READ: Final = (
-    *("decision", "decision_time_s", "belief_in_truth", "sent"),
-    *("truth", "consensus", "right", "wrong", "undecided"),
-)
-"""Columns of a study's rows that are enough for ``OF_READ``."""
-OF_READ: Final = (
-    *("decision_time_s", "forced_error", "belief_in_truth", "sent"),
-    *("robots_right", "robots_wrong", "robots_undecided", "robot_error"),
-)
-"""Figures that need only the columns ``READ``."""
 
 BY_NAME: Final = {figure.name: figure for figure in FIGURES}
 """Each figure by its name as a figure of a cell."""
@@ -572,69 +480,56 @@ def figures_of(swarms: Swarms) -> dict[str, Array]:
 
 
 def run_figures(
+    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, costs: Array | None = None
+) -> pl.DataFrame:
+    """Compute one row of figures for each run, sorted by run; null where a run does not have one.
+
+    Args:
+        robots, runs: tables of one cell, as a ``Result`` has them. t_end_s: end of a run, s.
+        costs: of the cell's scenario, ``outcomes.costs_of``; None: two answers, mistakes that cost the same.
+    """
+    swarms = Swarms.of_tables(robots, runs, t_end_s, costs)
+    columns = [pl.Series(name, values, nan_to_null=True) for name, values in figures_of(swarms).items()]
+    return runs.sort("run").select("run", "truth", "consensus").with_columns(columns)
+
+
+ByRun = Mapping[str, NDArray[Any]] | pl.DataFrame
+"""Columns of ``figures_of``, (runs,) each, nan or null where a run does not have a figure."""
+
+
+def summary(
     robots: pl.DataFrame,
     runs: pl.DataFrame,
     t_end_s: float,
-    agreements: pl.DataFrame | None = None,
-    costs: Array | None = None,
-) -> pl.DataFrame:
-    """Compute one row of figures for each run, sorted by run.
-
-    Args:
-        robots, runs: tables of one cell, as a ``Result`` has them; the same runs in both. t_end_s: end of a run, s.
-        agreements: ``statistics.answers_over_time.AGREEMENTS``; None: decisions are final.
-        costs: of the cell's scenario, ``outcomes.costs_of``; None: two answers, mistakes that cost the same.
-    Returns: run, truth, consensus, numbers of robots, and a column for each figure; null where a run does not have it.
-    Raises:
-        InputError: the tables have different runs, or a run occurs twice.
-    """
-    swarms = Swarms.of_tables(robots, runs, t_end_s, agreements, costs)
-    return figures_table(swarms, runs.sort("run").select("run", "truth", "consensus"))
-
-
-def figures_table(swarms: Swarms, runs: pl.DataFrame) -> pl.DataFrame:
-    """Return the table of ``run_figures``; its first columns are those of ``runs``, with a row for each run."""
-    columns = [pl.Series(name, values, nan_to_null=True) for name, values in figures_of(swarms).items()]
-    # Numbers of robots are floats so far, with nan (then null) in runs without a truth.
-    whole = {*swarms.counts, STATED}
-    typed = [column.cast(pl.Int64) if column.name in whole else column for column in columns]
-    return runs.with_columns(typed)
-
-
-def columns_of(table: pl.DataFrame) -> dict[str, Array]:
-    """Return the figures of a table of ``run_figures`` as arrays, (runs,) each; nan where a run does not have one.
-
-    Each is made when it is first asked for.
-    """
-    return _TableColumns(table)
-
-
-def interval(
-    name: str,
-    by_run: Mapping[str, NDArray[Any]],
     level: float = 0.95,
-    t_end_s: float = math.nan,
-) -> Interval:
-    """Compute a figure of a cell, with its limits, from the figures of its runs.
+    *,
+    costs: Array | None = None,
+) -> dict[str, Interval]:
+    """Compute all figures of a cell, by name; the arguments are those of ``run_figures`` and ``interval``."""
+    return cell_figures(run_figures(robots, runs, t_end_s, costs), t_end_s, level)
 
-    Args:
-        name: of the figure. by_run: columns of ``figures_of``, (runs,) each, nan where a run does not have a figure.
-        level: confidence level. t_end_s: the end of a run, s, which rates of events and
-            limits of times need.
-    """
+
+def cell_figures(by_run: ByRun, t_end_s: float, level: float = 0.95) -> dict[str, Interval]:
+    """Compute all figures of a cell from those of its runs, by name, in the order of ``FIGURES``."""
+    return {figure.name: interval(figure.name, by_run, level, t_end_s) for figure in FIGURES}
+
+
+def interval(name: str, by_run: ByRun, level: float = 0.95, t_end_s: float = math.nan) -> Interval:
+    """Compute a figure of a cell, with its limits, from the figures of its runs; t_end_s: end of a run, s."""
     figure = BY_NAME[name]
+    columns = [numbers(pl.Series(by_run[column])) for column in figure.read]
     if figure.kind == "robots":
-        count, of = (by_run[column] for column in figure.counted)
+        count, of = columns
         known = ~np.isnan(count)
         return cluster_share(count[known], of[known], level)
-    values = by_run[figure.by_run]
+    values = columns[0]
     if figure.kind == "mean":
         return figure.mean(values, level, t_end_s)
     if figure.kind == "rate":
         return rate_interval(values, 3600.0 / t_end_s, level)
     known = ~np.isnan(values)
     if figure.kind == "share":
-        robots = by_run[STATED]  # only these have an interval that may hold the number
+        robots = columns[1]  # only these have an interval that may hold the number
         return cluster_share(np.rint(values * robots)[known], robots[known], level)
     if figure.kind == "median":
         return quantile_interval(np.where(known, values, math.inf), 0.5, level)

@@ -1,14 +1,12 @@
 """Compute the cumulative incidence of right and wrong decisions, of robots and of swarms, over time.
 
-Runs go to t_end, or stop when all robots have decided. So no observation is censored before t_end, and the cumulative
-incidence is simply the share that has decided by each time. A robot that revises its decision counts from the time of
-its final decision. Limits hold at each time by itself.
+No observation is censored before t_end, so it is the share that has (finally) decided by each time. Limits hold at each
+time by itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
 
 import numpy as np
 import polars as pl
@@ -18,8 +16,6 @@ from vibroswarm.statistics.intervals import Values, cluster_shares, wilson_limit
 
 POINTS = 121
 """Number of times in the default grid from 0 to t_end."""
-READ: Final = ("decision", "decision_time_s", "truth", "consensus", "consensus_time_s")
-"""Columns of the tables that are read, besides run and robot."""
 Limits = Callable[[Values, Values, float], tuple[Values, Values, Values]]
 """Shares and their limits at each time, from counts, (times, runs), of sizes, (runs,)."""
 
@@ -33,12 +29,7 @@ def robot_incidence(
 ) -> pl.DataFrame:
     """Compute the shares of robots that had decided right, decided wrong, or not decided by each time.
 
-    Args:
-        robots, runs: tables of a result. t_end_s: end of the runs, s.
-        times_s: ascending, at which shares are computed, s; by default ``POINTS`` of them from 0 to t_end.
-        level: confidence level of the limits (``intervals.cluster_shares``).
-    Returns: one row per time: time_s, and ``right``, ``wrong``, ``undecided``, each with ``_low`` and ``_high``. Right
-        and wrong are shares of the robots in runs with a truth; null if there are no such runs.
+    Right and wrong are shares of the robots in runs with a truth, null without. Limits: ``intervals.cluster_shares``.
     """
     rows = robots.select("run", "decision", time_s="decision_time_s").join(
         runs.select("run", "truth"), on="run", maintain_order="left"
@@ -55,13 +46,9 @@ def swarm_incidence(
     times_s: ArrayLike | None = None,
     level: float = 0.95,
 ) -> pl.DataFrame:
-    """Compute the shares of runs with a right consensus, a wrong consensus, or no consensus by each time.
+    """Compute the shares of runs with a right consensus, a wrong consensus, or ``open`` by each time.
 
-    Args:
-        robots: not read. runs: table of a result. The others are those of ``robot_incidence``.
-    Returns: one row per time: time_s, and ``right``, ``wrong``, ``open``, each with Wilson's limits ``_low`` and
-        ``_high``. ``open`` is the share of runs without consensus yet, or with split decisions. Right and wrong are
-        shares of the runs with a truth; null if there are no such runs.
+    Right and wrong are shares of the runs with a truth, null without. Limits are Wilson's.
     """
     rows = runs.select("run", "truth", time_s="consensus_time_s")
     ended = runs["consensus"].cast(pl.String)
@@ -84,12 +71,7 @@ def _incidence(
     limits: Limits,
     level: float,
 ) -> pl.DataFrame:
-    """Return the shares of robots, or of swarms, with each outcome by each time.
-
-    Args:
-        rows: run, truth and time_s of each. outcomes: which rows have an outcome from time_s on; of the last one, the
-            share without it is computed, and of all runs, not of those with a truth.
-    """
+    """Return shares by each time; of the last outcome the share without it, of all runs."""
     times = np.linspace(0.0, t_end_s, POINTS) if times_s is None else np.asarray(times_s, dtype=np.float64)
     run = np.unique(rows["run"].to_numpy(), return_inverse=True)[1]
     runs, at = int(run.max(initial=-1)) + 1, np.searchsorted(times, rows["time_s"].to_numpy())

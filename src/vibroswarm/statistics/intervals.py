@@ -28,8 +28,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, bdtrc, gammaincinv, ndtri, stdtr, stdtrit
 
-from vibroswarm.errors import InputError, shown
-
 FEW: Final = 10
 """Values of a mean that differ from the usual one are rare if they are fewer than this; so are runs with a share other
 than 0, or other than 1."""
@@ -57,10 +55,6 @@ class Interval(NamedTuple):
     n: int
     how: str
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON; a number that is not finite becomes None."""
-        return {name: plain(value) for name, value in self._asdict().items()}
-
     def excludes(self, value: float) -> bool:
         """Return whether the value lies outside the limits; False if the limits are nan."""
         return self.high < value or self.low > value
@@ -71,22 +65,8 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-class ForJson:
-    """Base of results whose fields go into JSON."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON: intervals become dictionaries, and values that are not finite become None."""
-        return {
-            name: value.as_dict() if hasattr(value, "as_dict") else plain(value)
-            for name, value in vars(self).items()
-        }
-
-
 def columns_of(name: str, found: Sequence[Any]) -> dict[str, Any]:
-    """Return an interval, or an estimate and its limits, as the columns NAME, NAME_low and NAME_high of a table.
-
-    A value that is not finite becomes None.
-    """
+    """Return an interval as the columns NAME, NAME_low and NAME_high of a table, None if not finite."""
     return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), found, strict=False)}
 
 
@@ -113,10 +93,7 @@ def pseudo_values(means: ArrayLike) -> Values:
 
 
 def student_factor(n: float, level: float) -> float:
-    """Return by how much limits of n units are wider because the variance is estimated from them, as Student's are.
-
-    It is the ratio of the quantiles of Student's and of the normal law. ``n`` is at least 2.
-    """
+    """Return the ratio of the quantiles of Student's and of the normal law, for n >= 2 units."""
     tail = 0.5 + level / 2
     return float(stdtrit(n - 1, tail) / ndtri(tail))
 
@@ -131,13 +108,7 @@ def few_factor(n: int, level: float) -> float:
 
 
 def draw_limits(draws: Values, n: int, level: float) -> tuple[float, float]:
-    """Return percentile limits of bootstrap draws of n units, whose deviations from their mean are made wider.
-
-    They are multiplied by ``few_factor``. The limits of one unit are infinite.
-
-    Args:
-        draws: without nan, some finite; infinite ones stay. n: number of units that were drawn from.
-    """
+    """Return percentile limits of bootstrap draws of n units, with deviations ``few_factor`` times as wide."""
     if n < 2:
         return -math.inf, math.inf
     finite = draws[np.isfinite(draws)]
@@ -154,25 +125,8 @@ def generator(seed: int, purpose: str) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(key=[seed % 2**64, zlib.crc32(purpose.encode())]))
 
 
-def check_level(level: float) -> None:
-    """Check that a level of confidence is between 0 and 1.
-
-    Raises:
-        InputError: it is not.
-    """
-    if not (isinstance(level, float | np.floating) and 0.0 < level < 1.0):
-        raise InputError(
-            f"{shown(level)} is not a level of confidence; give a share such as 0.95", field="level"
-        )
-
-
 def wilson_limits(successes: ArrayLike, n: ArrayLike, level: float = 0.95) -> tuple[Values, Values]:
-    """Compute Wilson's limits of shares.
-
-    Args:
-        successes: number of successes. n: number of trials. Neither need be whole; both broadcast.
-    Returns: lower and upper limits, in the broadcast shape; nan where n is 0.
-    """
+    """Compute Wilson's limits of shares; numbers need not be whole, and broadcast; nan where n is 0."""
     k, total = np.asarray(successes, dtype=np.float64), np.asarray(n, dtype=np.float64)
     z = float(ndtri(0.5 + level / 2))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -191,13 +145,7 @@ def wilson(successes: int, n: int, level: float = 0.95) -> Interval:
 
 
 def cluster_share(count: ArrayLike, of: ArrayLike, level: float = 0.95) -> Interval:
-    """Compute a share of robots, sum(count) / sum(of), with the limits of ``cluster_shares``.
-
-    Args:
-        count: number of robots with an outcome, such as wrong, in each run, (runs,); it need not be whole, where the
-            outcome of a robot counts in part.
-        of: number of robots of the run, (runs,). Without robots, share and limits are nan.
-    """
+    """Compute a share of robots from counts by run, (runs,), with the limits of ``cluster_shares``."""
     robots = np.asarray(of, dtype=np.float64)
     share, low, high = (float(value) for value in cluster_shares(count, robots, level))
     return Interval(share, low, high, level, int((robots > 0).sum()), "cluster wilson")
@@ -239,11 +187,7 @@ def without_nan(values: ArrayLike) -> Values:
 
 
 def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
-    """Compute a mean over runs with Student's limits; values of nan are left out.
-
-    The limits are infinite for one run, and equal to the mean if all runs have the same value. If a value is infinite,
-    so is the mean, and the limits of two or more runs are nan.
-    """
+    """Compute a mean over runs with Student's limits, infinite for one run; values of nan are left out."""
     runs = without_nan(values)
     if runs.size == 0:
         return Interval(math.nan, math.nan, math.nan, level, 0, "t")
@@ -257,25 +201,17 @@ def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
 
 
 def within(found: Interval, least: float, most: float) -> Interval:
-    """Clip limits of a mean to what its values can be, which costs no confidence.
-
-    A limit of nan stays, and a bound of nan is none, because max and min return their first argument then.
-    """
+    """Clip limits of a mean to what its values can be, which costs no confidence; a bound of nan is none."""
     return found._replace(low=max(found.low, least), high=min(found.high, most))
 
 
 def bounded_mean(
     values: ArrayLike, least: float = 0.0, most: float = 1.0, level: float = 0.95, unseen: float = math.nan
 ) -> Interval:
-    """Compute a mean over runs of values within a range, such as shares, with Student's limits clipped to the range.
-
-    The true mean lies in the range, so clipping costs no confidence. If all runs, or all but a few, have the same
-    value, the limits are at least those of how often others may occur (``allowing_for_rare``): 0 in all of n runs has
-    Wilson's upper limit of 0 of n.
+    """Compute a mean over runs of values within a range, with Student's limits and ``allowing_for_rare``.
 
     Args:
-        values: of the runs; nan is left out. least, most: the range, of which an end may be infinite, or nan if it is
-            not known. unseen: by how much runs differ if they do; nan: by the width of the range.
+        least, most: the range; infinite or nan: not known. unseen: by how much runs may differ; nan: by its width.
     """
     apart = most - least if math.isnan(unseen) else unseen
     return within(allowing_for_rare(mean_interval(values, level), values, apart), least, most)
@@ -400,23 +336,11 @@ def student_test(differences: ArrayLike, level: float = 0.95) -> Tested:
     return Tested(mean_interval(d, level), p_value)
 
 
-def quantile_rank(share: float, n: int) -> int:
-    """Return the place of a quantile among n sorted values, from 0: that of the ceil(share n)-th smallest.
-
-    1e-9: .55 of 100 values are 55, although the product is a little more in binary numbers.
-    """
-    return max(math.ceil(share * n - 1e-9), 1) - 1
-
-
 def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95) -> Interval:
     """Compute a quantile over runs with distribution-free limits from order statistics.
 
-    The estimate is the ceil(share n)-th smallest value, or the mean of the middle two for the median of an even number
-    of values. It is infinite if one of these values is. Limits are infinite if there are too few values.
-
     Args:
-        values: of the runs; infinite for a run that never reached the event; nan is left out.
-        share: of runs below the quantile, 0.5 for the median. level: confidence level.
+        values: of the runs; infinite for a run that never reached the event. share: of runs below the quantile.
     """
     runs = np.sort(without_nan(values))
     n, tail = runs.size, 0.5 - level / 2
@@ -431,6 +355,11 @@ def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95
     )  # the smallest r whose P(B > r - 1) <= tail, less 1; n: none
     low = float(runs[lower - 1]) if lower else -math.inf
     high = float(runs[upper]) if upper < n else math.inf
-    middle = runs[[n // 2 - 1, n // 2]] if share == 0.5 and n % 2 == 0 else runs[[quantile_rank(share, n)]]
+    # 1e-9: .55 of 100 values are 55, although the product is a little more in binary numbers.
+    middle = (
+        runs[[n // 2 - 1, n // 2]]
+        if share == 0.5 and n % 2 == 0
+        else runs[[max(math.ceil(share * n - 1e-9), 1) - 1]]
+    )
     estimate = float(middle.mean()) if np.isfinite(middle).all() else math.inf
     return Interval(estimate, low, high, level, n, "order statistics")

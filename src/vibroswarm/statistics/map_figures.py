@@ -1,31 +1,23 @@
-"""How good the maps are that robots have at the end of a run, and how soon they detect: a number for each run.
+"""Maps that robots keep of the floor, how good they are at the end of a run, and how soon they detect.
 
-| figure | what it is |
-|---|---|
-| map_brier, map_auc, map_location_error_m | means over robots of a score of their maps (``map_scores``) |
-| detection_time_s | mean over robots of the time from which on, to its end, a robot believes with at least p_c that \
-more vibrates than the boundary; a robot of which this is never so counts with T_end |
-
-Time to detection is that of evidence, not of decisions: a robot that has decided goes on believing, and one that was
-sure for a while and then no longer is has not detected yet. It is known on floors of which more than the boundary
-vibrates, for robots that ask so (task ``fill_ratio``); on others there is nothing to detect.
-
-The scores are those of ``map_scores``. Strategies that keep a map are those of ``floor_maps``, and any that reports an
-array ``p`` (``Strategy.reports``) with a number for each tile: the probability that it vibrates. Tiles of more than two
-kinds, patches and values have none. The floor is that at the end of the run.
-
-Maps of earlier times are not stored, so that the time from which on a map is right is not among these figures.
-
-The maps themselves (``floor_maps``) are those that robots of ``places`` and ``explore`` keep, and a pooled one. A map
-has for each tile the probability p that it vibrates. Each robot keeps log odds of each tile by sender: those from its
-own samples, and those from each other robot's messages.
-
-| name | what it is |
+| name | equation |
 |---|---|
 | vibrating | p = 1 / (1 + exp(-log odds)); log odds are the sum over senders, by the robot's weight of each sender |
 | spread | sqrt(p (1 - p)) |
 | pooled map | from the log odds that each robot has from its own samples, summed with equal weights |
-| map at a time | from the samples taken by then, and all messages about these samples |
+| Brier score | mean over tiles of (p_t - x_t)^2; 1/4 of a map that knows nothing |
+| log score | mean of -ln of the probability given to what is true, at least 1e-12 |
+| AUC | probability that a vibrating tile has a larger p_t than a still one; ties count half |
+| right | share of tiles with p_t above 1/2 where they vibrate, below where they do not |
+| surely wrong | tiles with more than 95 % for what is not true |
+| location error | distance between the centres of gravity of the map and of what vibrates |
+| calibration | of tiles with p_t in a bin: their mean p_t, and the share that vibrates |
+| detection_time_s | mean over robots of the time from which on, to its end, a robot believes with at least p_c that \
+more vibrates than the boundary, decided or not; a robot of which this is never so counts with T_end |
+
+Figures of a run are means over robots. Time to detection is known for robots that ask so (task ``fill_ratio``), on
+floors of which more than the boundary vibrates. Scores are those of tiles of two kinds, for the strategies of
+``WITH_MAP`` and any that reports an array ``p`` with a number for each tile: the probability that it vibrates.
 """
 
 from __future__ import annotations
@@ -49,15 +41,13 @@ from vibroswarm.localisation.locate import estimates_key
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.statistics.map_scores import map_scores
+from vibroswarm.statistics.intervals import Values, wilson_limits
 from vibroswarm.strategies.place_map import WITH_MAP
 
 SCORES: Final = {"map_brier": "brier", "map_auc": "auc", "map_location_error_m": "location_error_m"}
 """Figures of a run by name, and the score of which each is the mean over robots."""
 MAPPED: Final = (*SCORES, "detection_time_s")
 """Figures of runs whose robots keep maps."""
-MAP_FIGURES: Final[dict[str, Any]] = {"run": pl.UInt32, **dict.fromkeys(MAPPED, pl.Float64)}
-"""Columns of the table, one row for each run; null where a score does not exist, such as the AUC of equal tiles."""
 
 
 def keeps_map(scenario: Scenario) -> bool:
@@ -73,12 +63,11 @@ def map_figures(
     floors: Mapping[int, Floor],
     end_s: NDArray[np.float64],
     samples: pl.DataFrame,
-) -> pl.DataFrame:
-    """Return the table ``MAP_FIGURES`` of runs, of a scenario that ``keeps_map``.
+) -> dict[str, NDArray[np.float64]]:
+    """Return the figures ``MAPPED`` of a scenario that ``keeps_map``, (runs,) each; nan where a run does not have one.
 
     Args:
-        swarm: state of all robots at the end of the runs. floors: by number of the run. end_s: of each run, (runs,).
-        samples: run, robot, time_s and belief_below of each sample, by run, robot and time.
+        swarm: at the end. end_s: (runs,). samples: run, robot, time_s and belief_below, by run, robot and time.
     """
     runs, robots = len(floors), scenario.swarm.robots
     if scenario.strategy.name in WITH_MAP:
@@ -87,25 +76,21 @@ def map_figures(
         reported = getattr(swarm.arrays, "p", np.empty((runs * robots, 0)))
         maps = np.asarray(reported, dtype=np.float64).reshape(runs, robots, -1)
     detected_s = detection_times_s(scenario, floors, end_s, samples)
-    rows = []
-    for (run, floor), end, own in zip(floors.items(), end_s.tolist(), maps, strict=True):
-        now = floor.at(end)
-        row: dict[str, Any] = {"run": run}
+    found = {name: np.full(runs, np.nan) for name in MAPPED}
+    for place, (run, end, own) in enumerate(zip(floors, end_s.tolist(), maps, strict=True)):
+        now = floors[run].at(end)
         if own.shape[-1] == now.tiles.size:  # else the arrays are not maps of this floor, and have no figures
             scores = [map_scores(p, now) for p in own]
-            row |= {name: float(np.mean([one[score] for one in scores])) for name, score in SCORES.items()}
-            row["detection_time_s"] = detected_s.get(run)
-        rows.append(row)
-    return pl.DataFrame(rows, schema=MAP_FIGURES).fill_nan(None)
+            for name, score in SCORES.items():
+                found[name][place] = np.mean([one[score] for one in scores])
+            found["detection_time_s"][place] = detected_s.get(run, np.nan)
+    return found
 
 
 def detection_times_s(
     scenario: Scenario, floors: Mapping[int, Floor], end_s: NDArray[np.float64], samples: pl.DataFrame
 ) -> dict[int, float]:
-    """Return the time to detection of the runs in which there is something to detect, by number of the run, s.
-
-    The arguments are those of ``map_figures``.
-    """
+    """Return the time to detection (s) of runs in which there is something to detect, by number of the run."""
     truth = fills_and_truth(scenario, floors, list(floors), end_s)[1]
     damaged = [run for run, right in zip(floors, truth.tolist(), strict=True) if right == 1.0]
     known = samples.filter(pl.col("belief_below").is_not_null() & pl.col("belief_below").is_not_nan())
@@ -134,24 +119,11 @@ MAPS: Final[dict[str, Any]] = {
     "spread": pl.Float64,
     "vibrates": pl.UInt8,
 }
-"""One row per run, robot (null: pooled) and tile. ``row``, ``column``: of the tile, rows from the top. ``vibrating``:
-belief that the tile vibrates; ``spread``: its standard deviation; ``vibrates``: 1 if the tile vibrates at the end of
-the run, else 0."""
-
-
-def keeps_floor_map(scenario: Scenario) -> bool:
-    """Return whether robots keep a map of the tiles that vibrate."""
-    return scenario.strategy.name in WITH_MAP
+"""One row per run, robot (null: pooled) and tile; ``vibrating``: belief, ``spread``: of it, ``vibrates``: truth."""
 
 
 def floor_maps(result: Result) -> pl.DataFrame:
-    """Return the robots' maps and the pooled map at the end of each run: a table with the columns ``MAPS``.
-
-    Results do not hold maps, so the strategy is replayed.
-
-    Args:
-        result: simulated to its end, of a strategy in ``WITH_MAP``.
-    """
+    """Return the robots' maps and the pooled map at the end of each run (``MAPS``), by replaying the strategy."""
     scenario, robots = result.scenario, result.scenario.swarm.robots
     timeline = timeline_of(scenario, Motion(samples=result.motion, ends=result.ends, moves=result.moves))
     runs = timeline.rows.runs.tolist()
@@ -178,13 +150,7 @@ def floor_maps(result: Result) -> pl.DataFrame:
 
 
 def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the maps of one run at several times.
-
-    Args:
-        result: simulated to its end, of a strategy in ``WITH_MAP``. run: number of a run of this result. time_s: times
-            of the maps, s, (times,).
-    Returns: beliefs that each tile vibrates, (times, robots + 1, tiles); the last entry of axis 1 is the pooled map.
-    """
+    """Return the maps of one run at times (s), (times, robots + 1, tiles); the last robot is the pooled map."""
     scenario = result.scenario
     samples, ends = result.motion.filter(run=run), result.ends.filter(run=run)
     moves = None if result.moves is None else result.moves.filter(run=run)
@@ -218,3 +184,64 @@ def _maps_at_end(
     swarm = replay_to_end(result.scenario, result.seed, timeline, observation, energy)
     by_robot, pooled = beliefs_of(swarm.arrays, runs, result.scenario.swarm.robots)
     return np.concatenate([by_robot, pooled[:, None]], axis=1)
+
+
+BINS: Final = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
+"""Edges of the bins of calibration."""
+SURE: Final = 0.95
+
+
+def map_scores(p: Values, floor: Floor) -> dict[str, float]:
+    """Return the scores of one map by name, from the probability of each tile, (tiles,)."""
+    x = floor.tiles.ravel().astype(np.float64)
+    told = np.where(x == 1, p, 1.0 - p)
+    return {
+        "brier": float(np.mean((p - x) ** 2)),
+        "log_score": float(-np.log(np.maximum(told, 1e-12)).mean()),
+        "auc": _auc(p, x),
+        "right": float(np.mean(told > 0.5)),
+        "surely_wrong": float((told < 1.0 - SURE).sum()),
+        "location_error_m": _location_error_m(p, x, floor),
+    }
+
+
+def _auc(p: Values, x: Values) -> float:
+    """Return the area under the curve of hits against false calls; nan if all tiles are alike or one p is nan."""
+    vibrating, still = int((x == 1).sum()), int((x == 0).sum())
+    if not vibrating or not still or np.isnan(p).any():
+        return float("nan")
+    # Mann and Whitney: ranks of the vibrating tiles, ties at their mean rank, less those among themselves.
+    ranks = pl.Series(p).rank().to_numpy()
+    return float((ranks[x == 1].sum() - 0.5 * vibrating * (vibrating + 1)) / (vibrating * still))
+
+
+def _location_error_m(p: Values, x: Values, floor: Floor) -> float:
+    """Return the distance between the centres of gravity of map and truth; nan if nothing vibrates."""
+    rows, columns, width_m, height_m, _, _ = floor.geometry
+    row, column = (index.ravel() for index in np.indices((int(rows), int(columns))))
+    if not x.any() or not p.any():
+        return float("nan")
+    (x0, y0), (x1, y1) = ((np.average(column, weights=w), np.average(row, weights=w)) for w in (p, x))
+    return float(np.hypot((x0 - x1) * width_m, (y0 - y1) * height_m))
+
+
+def calibration(p: Values, x: Values) -> pl.DataFrame:
+    """Return a row for each bin of probability: tiles, mean probability, share that vibrates, with Wilson's limits.
+
+    The limits are those of independent tiles, which tiles of one map, or of several maps of one floor, are not.
+    """
+    bin_of = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
+    rows = []
+    for k in range(len(BINS) - 1):
+        own = bin_of == k
+        if own.any():
+            low, high = wilson_limits(x[own].sum(), own.sum())
+            rows.append(
+                (BINS[k], BINS[k + 1], int(own.sum()), p[own].mean(), x[own].mean(), float(low), float(high))
+            )
+    names = ("from", "to", "tiles", "probability", "vibrating", "vibrating_low", "vibrating_high")
+    return pl.DataFrame(
+        rows,
+        schema=dict(zip(names, (pl.Float64, pl.Float64, pl.Int64, *[pl.Float64] * 4), strict=True)),
+        orient="row",
+    )

@@ -1,7 +1,5 @@
 """Compare two cells run by run: with the same seed, run r has the same motion and floor in both cells.
 
-A cell is the runs of one scenario.
-
 | figure | symbol | equation |
 |---|---|---|
 | difference | D | mean over runs of d_r = first_r - second_r |
@@ -11,19 +9,13 @@ A cell is the runs of one scenario.
 | corrected p-value | - | Holm, for m figures: cumulative maximum of (m - i + 1) p_(i), at most 1 (Holm 1979) |
 | equivalent | - | the interval lies inside (-margin, margin): two one-sided tests, each at (1 - level) / 2 |
 
-**What pairing does not do.** Common random numbers remove the luck of each run from the comparison, but all comparisons
-on the same block of seeds share their luck. An important comparison is therefore repeated with another seed.
-
-**Motion and floor are two sources of variance.** With a fresh floor for each run the interval over runs covers both.
-With one fixed floor it covers motion only and applies to that floor: more runs do not generalise it. With I motions
-crossed with J floors, d_ij = D + M_i + F_j + e_ij, the variance of the mean is
+All comparisons on one block of seeds share its luck; repeat important ones with another seed. With one fixed floor the
+interval applies to that floor. With I motions crossed with J floors, d_ij = D + M_i + F_j + e_ij, the variance of the
+mean is
 
     Var(M) / I + Var(F) / J + Var(e) / (I J),
 
-which more motions on few floors cannot reduce below Var(F) / J. So vary floors and motions over runs instead of
-crossing few of either.
-
-No significant difference is not equality: that requires an interval inside a margin that was set beforehand.
+so vary floors and motions over runs instead of crossing few of either. No significant difference is not equality.
 """
 
 from __future__ import annotations
@@ -40,7 +32,6 @@ from numpy.typing import ArrayLike
 
 from vibroswarm.statistics.figures import BY_COLUMN, ESTIMATES, FIGURES
 from vibroswarm.statistics.intervals import (
-    ForJson,
     Interval,
     Tested,
     Values,
@@ -67,12 +58,10 @@ LEAST_KNOWN: Final = 0.95
 
 
 @dataclass(frozen=True)
-class Paired(ForJson):
+class Paired:
     """Comparison of one figure in two cells, over the runs that have the figure in both ("pairs").
 
-    ``first`` and ``second`` are the means; ``difference`` is first - second. ``wins``, ``ties`` and ``losses`` count
-    the runs in which the first cell does better, equally well and worse. ``p_holm`` is the p-value corrected for all
-    figures that were compared at once.
+    ``first``, ``second``: means; ``difference``: first - second; ``wins``: runs in which the first cell does better.
     """
 
     figure: str
@@ -90,10 +79,7 @@ class Paired(ForJson):
     p_holm: float
 
     def as_row(self) -> dict[str, float | int | str | None]:
-        """Return the fields as one flat row; a number that is not finite becomes None.
-
-        The interval is written as ``difference``, ``difference_low``, ``difference_high`` and ``level``, at the end.
-        """
+        """Return the fields as one flat row, the interval last; a number that is not finite becomes None."""
         row: dict[str, Any] = {name: plain(value) for name, value in self.__dict__.items()}
         interval = row.pop("difference")
         return row | columns_of("difference", interval) | {"level": interval.level}
@@ -109,9 +95,6 @@ def compare(
 
     Args:
         first, second: ``run_figures`` of the two cells, of the same seed; rows with the same run number are a pair.
-        figures: columns of both tables that can be compared (``RunFigure.better``).
-        level: confidence level of the intervals.
-    Returns: one comparison per figure, in the order of ``figures``.
     """
     both = first.join(second, on="run", how="inner", suffix="_second").sort("run")
     in_one_only = first.height + second.height - 2 * both.height  # number of runs that only one cell has
@@ -134,13 +117,10 @@ def difference(
     level: float = 0.95,
     most: float = math.nan,
 ) -> Tested:
-    """Estimate and test the mean of first - second, of values that no table of figures has, (runs,) each.
-
-    The other arguments are those of ``compare``.
+    """Estimate and test the mean of first - second, (runs,) each.
 
     Args:
-        most: by how much runs can differ, and so their mean, whose limits it clips; nan: not known, then a difference
-            that was not seen is as large as the values of all runs here, and 0, are apart.
+        most: by how much runs can differ; nan: not known, then as much as all values here, and 0, are apart.
     """
     d = differences(first, second)
     found, unseen = student_test(d, level), most
@@ -155,13 +135,7 @@ def difference(
 
 
 def _compare_one(both: pl.DataFrame, figure: str, in_one_only: int, level: float) -> Paired:
-    """Compare one figure over the runs that have it in both cells; ``p_holm`` is the p-value, not corrected yet.
-
-    Args:
-        both: one row for each run that both cells have. Columns of the first cell have the names of their figures;
-            those of the second cell end in ``_second``.
-        in_one_only: number of runs that only one cell has.
-    """
+    """Compare one figure over runs, of which columns of the second cell end in ``_second``; p is not corrected yet."""
     values = both.select(first=pl.col(figure), second=pl.col(f"{figure}_second")).drop_nulls()
     a, b = (values[name].cast(pl.Float64).to_numpy() for name in ("first", "second"))
     of_figure = BY_COLUMN[figure]
@@ -186,11 +160,7 @@ def _compare_one(both: pl.DataFrame, figure: str, in_one_only: int, level: float
 def drawn_means(values: Values, seed: int, purpose: str) -> Values:
     """Return the mean of each row over the runs, and over the runs of each bootstrap draw: (rows, 1 + draws).
 
-    All rows get the same draws, and so do calls with the same seed, purpose and number of runs. So differences between
-    rows, and what is computed from several rows of a draw, stay paired run by run.
-
-    Args:
-        values: (rows, runs). seed, purpose: of the draws.
+    Calls with the same seed, purpose and number of runs have the same draws, so that rows stay paired run by run.
     """
     weights = _weights(values.shape[1], seed, purpose)
     return np.column_stack([values.mean(axis=1), values @ weights.T])
@@ -203,14 +173,7 @@ def _weights(runs: int, seed: int, purpose: str) -> Values:
 
 
 def drawn_interval(drawn: Values, runs: int, how: str) -> Interval:
-    """Return an estimate with the 95 % percentile interval of its bootstrap draws (``draw_limits``).
-
-    The limits are nan if the estimate is nan, or if less than ``LEAST_KNOWN`` of the draws are defined.
-
-    Args:
-        drawn: the estimate, then its draws, nan where it is undefined, (1 + draws,). runs: their number.
-        how: name of the method.
-    """
+    """Return an estimate and the 95 % limits of its draws, (1 + draws,); nan if too few are defined."""
     known = drawn[1:][~np.isnan(drawn[1:])]
     is_enough = known.size >= LEAST_KNOWN * (drawn.size - 1) and not math.isnan(drawn[0])
     low, high = draw_limits(known, runs, 0.95) if is_enough else (math.nan, math.nan)
@@ -218,10 +181,7 @@ def drawn_interval(drawn: Values, runs: int, how: str) -> Interval:
 
 
 def holm(p_values: ArrayLike) -> list[float]:
-    """Correct p-values of figures that are compared at once, by Holm's method.
-
-    Returns: the corrected p-values, in the given order; nan stays nan and does not count as a comparison.
-    """
+    """Correct p-values of figures that are compared at once, by Holm's method; nan does not count."""
     p = np.asarray(p_values, dtype=np.float64).ravel()
     corrected = np.full(p.size, np.nan)
     defined = np.flatnonzero(~np.isnan(p))
@@ -229,11 +189,6 @@ def holm(p_values: ArrayLike) -> list[float]:
     scaled = p[order] * np.arange(order.size, 0, -1)  # (m - i + 1) p_(i)
     corrected[order] = np.minimum(np.maximum.accumulate(scaled), 1.0)  # Holm 1979
     return [float(value) for value in corrected]
-
-
-def confirms(again: Interval, first: Interval) -> bool:
-    """Return whether an interval of the second block confirms that of the first: both exclude 0 on the same side."""
-    return side(first) != 0 and side(first) == side(again)
 
 
 def side(interval: Interval) -> int:
@@ -244,8 +199,7 @@ def side(interval: Interval) -> int:
 def equivalent(interval: Interval, margin: float) -> bool:
     """Return whether the whole interval lies inside (-margin, margin), for a margin that was set beforehand.
 
-    A 95 % interval gives two one-sided tests at 2.5 % each; for tests at 5 % give a 90 % interval. The result is always
-    false for an interval of width 0, which says nothing of how differences vary. If a few large differences dominate
-    the mean, the tests are wrong more often than at these levels.
+    A 95 % interval gives two one-sided tests at 2.5 % each. Where a few large differences dominate the mean, they are
+    wrong more often. An interval of width 0 says nothing of how differences vary, and is never equivalent.
     """
     return bool(-margin < interval.low < interval.high < margin)

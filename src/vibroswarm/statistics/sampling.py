@@ -1,33 +1,23 @@
 """Describe how a swarm samples: distances, intervals, effective number of samples, packet loss.
 
-A bit is the 0 or 1 that a sample reads.
-
 | name | symbol | equation |
 |---|---|---|
 | samples of a run on tiles | n | samples off all tiles do not count in effective samples |
 | share of a run's samples on tile t | w_t | their sum over t is 1 |
 | number of tiles, fill ratio | N, f | - |
 | false positive, false negative | a, b | P(a still tile reads as 1), P(a vibrating tile reads as 0) |
-| share of ones expected | q | f (1 - b) + (1 - f) a |
-| share of ones of a run | O | over its samples |
+| share of ones expected, of a run | q, O | f (1 - b) + (1 - f) a; over its samples |
 | effective samples, over runs | n_eff | q (1 - q) / Var(O), over runs that each have a new random floor |
 | effective samples, of visits | n_v | (N - 1) / (N sum w_t^2 - 1) |
+| packet loss | - | 1 - heard / addressed |
 
-**Effective samples.** n samples at independent, uniformly random places of new random floors have
-Var(O) = q (1 - q) / n. n_eff is the n that would give the observed variance. It can also be computed from the visits of
-a single run. For random floors with exactly f N vibrating tiles, and given the visits w, exactly
+n samples at independent, uniformly random places of new random floors have Var(O) = q (1 - q) / n. For random floors
+with exactly f N vibrating tiles, and given the visits w, exactly
 
-    Var(O | w) = (1 - a - b)^2 f (1 - f) / n_v + [f b (1 - b) + (1 - f) a (1 - a)] / n.
+    Var(O | w) = (1 - a - b)^2 f (1 - f) / n_v + [f b (1 - b) + (1 - f) a (1 - a)] / n:
 
-The first term is the variance between floors (tiles are drawn without replacement), the second that of sensor errors.
-n_eff is then q (1 - q) / Var(O | w).
-
-n_v is 1 / sum w_t^2, corrected for the finite number of tiles; 1 / sum w_t^2 is the number of tiles which, visited
-equally often, would give this sum. For n independent uniform places 1 / n_v has the mean 1 / n. n_v is smaller if a
-robot's next sample lies near its last, and larger if tiles are visited more evenly than by chance. It is infinite if
-all tiles are visited equally often: then the samples of a perfect sensor give the fill ratio exactly.
-
-Packet loss is 1 - heard / addressed. The run is the unit: figures are computed for each run and averaged.
+the variance between floors (tiles are drawn without replacement), and that of sensor errors. n_v is smaller if a
+robot's next sample lies near its last, and larger if tiles are visited more evenly than by chance.
 """
 
 from __future__ import annotations
@@ -59,17 +49,14 @@ WALK: Final[dict[str, Any]] = {
 def walk_figures(
     motion_samples: pl.DataFrame, observations: pl.DataFrame, tiles: int | None = None
 ) -> pl.DataFrame:
-    """Compute one row of sampling figures for each run that has samples.
+    """Compute one row of sampling figures for each run that has samples; null if not known.
 
     Args:
         motion_samples, observations: tables of a result, with the same rows, sorted by run and time.
-        tiles: N, the number of tiles in the arena. By default each run takes the highest index of a visited tile + 1,
-            which is N unless the last tile was never sampled.
-    Returns: run; samples; avoid_per_sample_s, mean time spent avoiding per sample (null if the source cannot know it);
-        distance_m and spacing_s, mean distance and time between consecutive samples of a robot (null if no robot has
-        two); ones, share of readings of class 1; effective_samples, n_v (null without samples on tiles, infinite if
-        all tiles are visited equally often); the shares of the robots' time up to their last samples
-        (``outcomes.SHARES``; null if the source cannot know them).
+        tiles: N, the number of tiles in the arena; None: the highest index of a tile that the run visited + 1.
+    Returns: run; samples; avoid_per_sample_s, mean time spent avoiding per sample; distance_m and spacing_s, mean
+        distance and time between consecutive samples of a robot; ones, share of readings of class 1; effective_samples,
+        n_v (infinite at equal visits); shares of the robots' time up to their last samples (``outcomes.SHARES``).
     """
     tile, observation = (observations[name].to_numpy() for name in ("tile", "observation"))
     figures = Walk(motion_samples).figures(tile, observation, tiles)
@@ -91,13 +78,7 @@ def blocked_words(share: float | None) -> str:
 
 
 class Walk:
-    """Compute ``walk_figures`` of one motion for many floors and sensors; figures of motion alone are computed once.
-
-    ``first`` is the index of each run's first row, ``count`` its number of rows, (runs,) each.
-
-    Args:
-        motion_samples: table of a result, sorted by run and time.
-    """
+    """Compute ``walk_figures`` of one motion for many floors and sensors; what is of motion alone is computed once."""
 
     def __init__(self, motion_samples: pl.DataFrame) -> None:
         run = motion_samples["run"].to_numpy()
@@ -115,12 +96,7 @@ class Walk:
     def figures(
         self, tile: NDArray[np.int32], observation: NDArray[np.uint8], tiles: int | None = None
     ) -> dict[str, NDArray[Any]]:
-        """Compute the columns of ``walk_figures`` for one floor and sensor, with nan in place of null.
-
-        Args:
-            tile, observation: columns of the table of observations, (rows,) each. tiles: number of tiles in the arena;
-                None: for each run the highest index of a visited tile + 1.
-        """
+        """Compute the columns of ``walk_figures`` for one floor and sensor, with nan in place of null."""
         if self.first.size == 0:
             return {name: np.empty(0) for name in WALK}
         ones = np.add.reduceat(observation == 1, self.first, dtype=np.int64) / self.count
@@ -168,14 +144,7 @@ class Walk:
 
 
 def effective_samples(sum_of_squares: ArrayLike, tiles: ArrayLike) -> NDArray[np.float64]:
-    """Compute n_v, the effective number of samples, from how evenly the tiles were visited.
-
-    It is infinite if all tiles are visited equally often, and nan for a single tile or without visits.
-
-    Args:
-        sum_of_squares: sum of w_t^2 over tiles, w_t the share of a run's samples on tile t; nan without visits.
-        tiles: N, the number of tiles. The two arguments broadcast.
-    """
+    """Compute n_v from the sum of w_t^2 and N; infinite at equal visits, nan for one tile or without visits."""
     s, number = np.asarray(sum_of_squares, dtype=np.float64), np.asarray(tiles, dtype=np.float64)
     excess = number * s - 1.0  # 0 at equal visits, but for rounding
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -208,51 +177,18 @@ def effective_with_sensor(
         return np.asarray(q * (1 - q) / (of_floor + of_sensor))  # n_eff
 
 
-EXCHANGE: Final[dict[str, Any]] = {
-    "run": pl.UInt32,
-    "addressed": pl.UInt32,
-    "heard": pl.UInt32,
-    "packet_loss": pl.Float64,
-}
-"""Columns of ``packet_loss``."""
-
-
 SWITCHED_ON_LATE_S: Final = 60.0
 """A robot of a recording may have been switched on late if its first sample is this much later than another's."""
-
-
-def late_robots(result: Result) -> pl.DataFrame:
-    """Return which robots of a recording may have been switched on late, by their first samples.
-
-    A log does not say when robots were switched on. Before its first sample such a robot may have missed messages just
-    because it was off. Robots of a simulation hear from the start, however late they first sample.
-
-    Returns: run and robot of each.
-    """
-    first = result.motion.group_by("run", "robot").agg(pl.col("time_s").min())
-    after_s = pl.col("time_s") - pl.col("time_s").min().over("run")
-    return first.filter(after_s > (SWITCHED_ON_LATE_S if result.seed is None else math.inf)).select(
-        "run", "robot"
-    )
 
 
 def packet_loss(result: Result) -> pl.DataFrame:
     """Count the messages addressed to, and received by, the robots of each run; compute the share that was lost.
 
-    Each robot is taken to broadcast one message per sample, which arrives one control period later or not at all. So
-    the share includes robots out of range, and is not meaningful for strategies that send at other times or for
-    networks that delay messages. Robots read messages only while they walk: for the last time one control period before
-    a stop, when they read messages sent at least one period earlier. So of the other robots' messages, those sent at
-    least two control periods before the receiver's last stop began are counted as addressed to it: it had read each of
-    these by its last sample, unless the message was lost. Robots without samples do not count, and of robots that may
-    have been switched on late (``late_robots``) only the messages since their first sample.
-
-    A recording may lack rows of samples whose messages were sent nevertheless. So messages are counted by the index
-    ``sample`` of a robot's samples, not by rows.
-
-    Returns: one row per run that has samples, in the columns ``EXCHANGE``. heard and packet_loss are null if a
-        recording does not contain the number of received messages; packet_loss is also null if no message was
-        addressed.
+    Each robot is taken to broadcast one message per sample, which arrives one control period later or not at all; so
+    the share includes robots out of range, and means nothing for strategies that send at other times. Robots read
+    messages only while they walk. So those sent at least two control periods before the receiver's last stop count as
+    addressed to it; for robots that may have been switched on late, those since their first sample. Messages are
+    counted by the index of samples, since a recording may lack rows.
     """
     tick_s = result.scenario.tick_s
     tick = np.rint(result.motion["time_s"].to_numpy() / tick_s).astype(np.int64)
@@ -262,7 +198,10 @@ def packet_loss(result: Result) -> pl.DataFrame:
         heard=result.inference["messages_received"].cast(pl.Int64)
     ).group_by("run", "robot", maintain_order=True)
     last = by_robot.last()
-    begin = by_robot.first().join(late_robots(result), on=["run", "robot"], how="semi")
+    # A log does not say when robots were switched on; robots of a simulation hear from the start.
+    after_s = pl.col("time_s") - pl.col("time_s").min().over("run")
+    is_late = after_s > (SWITCHED_ON_LATE_S if result.seed is None else math.inf)
+    begin = by_robot.first().filter(is_late)
     begin = last.select("run", "robot").join(begin, on=["run", "robot"], how="left", maintain_order="left")
 
     def last_tick_counted(stop_start_s: pl.Series) -> NDArray[np.int64]:
@@ -297,4 +236,5 @@ def packet_loss(result: Result) -> pl.DataFrame:
         pl.col("addressed").sum(), pl.when(~unknown).then(pl.col("heard").sum()).alias("heard")
     )
     loss = pl.when(pl.col("addressed") > 0).then(1.0 - pl.col("heard") / pl.col("addressed"))
-    return table.with_columns(packet_loss=loss).select(list(EXCHANGE)).cast(EXCHANGE)  # type: ignore[arg-type]
+    counts = pl.col("addressed", "heard").cast(pl.UInt32)
+    return table.select("run", counts, packet_loss=loss)

@@ -1,34 +1,31 @@
-"""Summarise one run, in numbers and in sentences: the swarm's outcome, its time, and the belief of each robot.
+"""Summarise one run in numbers: the swarm's outcome, its time, and the belief of each robot.
 
 | name | symbol | equation |
 |---|---|---|
 | belief | p | the robot's probability that the share of ones is below the boundary: belief in decision 0 |
 | confidence at decision time | - | p for decision 0, 1 - p for decision 1, at the time of the decision |
-| estimate | f | alpha / (alpha + beta), posterior mean at the end |
+| estimate | f | alpha / (alpha + beta), posterior mean at the end; under feedback an opinion, not an estimate |
 | interval | - | 2.5 % and 97.5 % quantiles of Beta(alpha, beta) |
-
-Without feedback robots count only readings (0 or 1), so that alpha / (alpha + beta) estimates the share of ones. Under
-feedback robots also count the conclusions of others as if they were readings. The posterior then departs from the
-readings: it is an opinion, not an estimate.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
 import polars as pl
 
 from vibroswarm import strategies
-from vibroswarm.core.numbers import every, number, span, stated, stated_percent
+from vibroswarm.core.numbers import number, span, stated_percent
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
+from vibroswarm.observation.decision_boundary import grid_of, readings_boundary
+from vibroswarm.observation.energy_model import claims_differ
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.figures import ESTIMATES, run_figures
+from vibroswarm.strategies.static_analysis import fields_read, told
 
 
 @dataclass(frozen=True)
@@ -90,12 +87,6 @@ class Verdict:
     """End of the run."""
     readings_boundary: float
     """The share of ones with which robots compare their readings (``observation.decision_boundary``)."""
-    share_of_ones_expected: float
-    """Probability that a sample at a uniformly random place in the arena reads as vibrating, with the sensor's errors
-    and what vibration does across tile edges."""
-    share_of_ones_read: float | None
-    presumed: str
-    """What robots take for independent evidence though it is not, as a sentence: why beliefs may be too sure."""
     robots: tuple[RobotVerdict, ...]
     estimated: str = ""
     """The number that the task asks for, in words; empty if it asks for a decision."""
@@ -107,10 +98,6 @@ class Verdict:
     """Mean continuous ranked probability score of their estimates; None, as the coverage, if they state no spread."""
     asked_anew: bool = False
     """Whether what is right depends on each robot's own last answer."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON, robots as a list of dictionaries."""
-        return asdict(self)
 
 
 def verdict(result: Result, run: int | None = None) -> Verdict:
@@ -126,14 +113,11 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
     if result.runs.filter(of_run).is_empty():
         raise InputError(f"there is no run {run} in this result", field="run")
     (summary,) = result.runs.filter(of_run).to_dicts()
-    by_counts = not has_own_estimate(result.scenario)
+    by_counts = not result.scenario.strategy.entry.has_own_estimate
     robots = tuple(_robot(row, by_counts) for row in result.robots.filter(of_run).to_dicts())
     decisions = {robot.decision for robot in robots}
     is_agreed = len(decisions) == 1 and not decisions & {-1, None}
     fill = summary["fill_ratio"]
-    arena = result.scenario.arena
-    size = (arena.width_m, arena.height_m)
-    bits = result.observations.filter(of_run)["observation"]
     return Verdict(
         consensus=summary["consensus"],
         consensus_time_s=summary["consensus_time_s"],
@@ -147,13 +131,6 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         undecided=summary["undecided"],
         end_s=summary["end_s"],
         readings_boundary=readings_boundary(result.scenario),
-        share_of_ones_expected=mean_over_time(
-            result.floor(run),
-            summary["end_s"],
-            lambda floor: expected_ones_on(result.scenario.sensor, floor, size),
-        ),
-        presumed=presumed(result.scenario),
-        share_of_ones_read=float((bits == 1).mean()) if bits.len() else None,  # type: ignore[arg-type]
         robots=robots,
         **_scores(result, run),
     )
@@ -161,9 +138,9 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
 
 def _scores(result: Result, run: int) -> dict[str, Any]:
     """Return how good the estimates of a run are if the task asks for a number, and else whether it asks anew."""
-    words = asked_number(result.scenario)
+    task = result.scenario.task
+    words = task.entry.estimated_in_words(task.params)
     if not words:
-        task = result.scenario.task
         return {"asked_anew": task.entry.is_asked_anew(task.params)}
     of_run = pl.col("run") == run
     table = run_figures(result.robots.filter(of_run), result.runs.filter(of_run), result.scenario.run.t_end_s)
@@ -171,22 +148,8 @@ def _scores(result: Result, run: int) -> dict[str, Any]:
     return {"estimated": words + when, **{name: table[name][0] for name in ESTIMATES}}
 
 
-def has_own_estimate(scenario: Scenario) -> bool:
-    """Return whether robots report an estimate of their own."""
-    return bool(scenario.strategy.entry.has_own_estimate)
-
-
-def asked_number(scenario: Scenario) -> str:
-    """Return in words the number that the task asks for; empty if it asks for a decision."""
-    return str(scenario.task.entry.estimated_in_words(scenario.task.params))
-
-
 def mean_over_time(floor: Floor, end_s: float, expected: Callable[[Floor], Any]) -> Any:
-    """Return what is expected on a floor, as a mean over the time of the run if the floor changes.
-
-    Args:
-        end_s: end of the run. expected: a number or an array, of a floor that stays.
-    """
+    """Return what is expected on a floor, as a mean over the time of the run if the floor changes."""
     if not floor.is_changing:
         return expected(floor)
     stages = [(since_s, stage) for since_s, stage in floor.stages() if since_s < end_s]
@@ -195,15 +158,6 @@ def mean_over_time(floor: Floor, end_s: float, expected: Callable[[Floor], Any])
         (until - since_s) * expected(stage) for (since_s, stage), until in zip(stages, until_s, strict=True)
     )
     return sum(means) / end_s
-
-
-def presumed(scenario: Scenario) -> str:
-    """Return a sentence on what robots take for independent evidence, though it is not; empty if there is none."""
-    if not scenario.strategy.reads_places:
-        return "Robots treat all bits as independent; those of neighbouring samples are not."
-    if scenario.reads_true_places:
-        return ""
-    return "Robots treat errors of their places as independent; those of neighbouring samples are not."
 
 
 def answers_of(scenario: Scenario) -> tuple[str, ...]:
@@ -218,14 +172,7 @@ WITHIN_95: Final = 1.959963984540054
 
 
 def _robot(row: dict[str, Any], by_counts: bool) -> RobotVerdict:
-    """Summarise one robot from its row of the table of robots.
-
-    Args:
-        row: values by column name. ``alpha`` or ``beta`` is None in a recording without them, and for a strategy
-            without a posterior.
-        by_counts: whether robots estimate by their counts, if they have any; a strategy may report an estimate of its
-            own with a spread, also beside counts.
-    """
+    """Summarise one robot from its row; ``by_counts``: it has no estimate of its own, and is judged by its counts."""
     from scipy.special import betaincinv
 
     alpha, beta, belief = row["alpha"], row["beta"], row["belief_at_decision"]
@@ -252,62 +199,21 @@ def _robot(row: dict[str, Any], by_counts: bool) -> RobotVerdict:
     )
 
 
-def strategy_name(name: str) -> str:
-    """Return a readable name of a strategy: its description up to a colon, or else the name itself."""
-    known = strategies.known().get(name)
+def strategy_name(scenario: Scenario) -> str:
+    """Return a readable name of a strategy: its description up to a colon, or else its name."""
+    known = strategies.known().get(name := scenario.strategy.name)
     return known.about.partition(":")[0] if known is not None and known.about else name
 
 
 def decision_words(decision: int | None, answers: tuple[str, ...]) -> str:
-    """Return the meaning of a decision in words; "undecided" for -1, "not logged" for None.
-
-    Args:
-        answers: meaning of decisions 0, 1 and so on, from ``answers_of``.
-    """
+    """Return the meaning of a decision in words; "undecided" for -1, "not logged" for None."""
     if decision is None:
         return "not logged"
     return "undecided" if decision == -1 else answers[decision]
 
 
-def headline(found: Verdict) -> str:
-    """Return the swarm's outcome as one sentence, such as "CONSENSUS, RIGHT: all 20 robots decided ...".
-
-    Args:
-        found: outcome of the run, from ``verdict``.
-    """
-    if found.estimated:
-        return _estimates(found)
-    if found.consensus is None:
-        return "Decisions were not logged."
-    if found.decision is None:
-        sides = Counter(decision_words(robot.decision, found.answers) for robot in found.robots)
-        counts = ", ".join(f"{robots} '{answer}'" for answer, robots in sides.most_common())
-        of_truth = "" if found.truth is None else f"; {found.right} right, {found.wrong} wrong"
-        return f"{found.consensus.upper()} after {stated(found.end_s)} s: {counts}{of_truth}."
-    right = f", {found.consensus.upper()}"
-    reason = ""
-    if found.consensus == "truth_undefined":
-        right, reason = (
-            "",
-            "; what is right depends on the robot" if found.asked_anew else "; no answer is right",
-        )
-    at = "" if found.consensus_time_s is None else f" by {number(found.consensus_time_s, 1)} s"
-    answer = decision_words(found.decision, found.answers)
-    return f"CONSENSUS{right}: {every(len(found.robots), 'robot')} decided '{answer}'{at}{reason}."
-
-
-def _estimates(found: Verdict) -> str:
-    """Return how good the robots' estimates are as one sentence."""
-    true = f"the {found.estimated} is {number(found.fill_ratio, digits=4)}"
-    told, sure = estimates_in_words(found)
-    return f"ESTIMATES: {told}; {true}. {sure}" if told else f"NO ESTIMATES: {true}, and {sure}"
-
-
 def estimates_in_words(found: Verdict) -> tuple[str, str]:
-    """Return the range of the robots' estimates of what the task asks for, and a sentence on how good they are.
-
-    The range is empty if there are none.
-    """
+    """Return the range of the robots' estimates, empty if there are none, and a sentence on how good they are."""
     estimates = [robot.estimate for robot in found.robots if robot.estimate is not None]
     if not estimates or found.estimate_error is None:
         return "", "no robot has estimated it."
@@ -318,29 +224,39 @@ def estimates_in_words(found: Verdict) -> tuple[str, str]:
     return span(estimates), f"Mean error {number(found.estimate_error)}; {sure}."
 
 
-def confidence(found: Verdict) -> str:
-    """Return how sure robots were when they decided, and what they took for independent evidence though it is not."""
-    sure = [one.belief_in_decision for one in found.robots if one.belief_in_decision is not None]
-    if found.estimated or not sure:  # the headline says how sure robots are of an estimate
-        return found.presumed
-    # A belief is never exactly 0 or 1: only rounding would make it so.
-    low, high = (stated_percent(min(max(round(end, 4), 1e-4), 1 - 1e-4)) for end in (min(sure), max(sure)))
-    return f"Confidence at decision time: {low if low == high else f'{low} to {high}'}. {found.presumed}".rstrip()
-
-
-OPINION_NOTE: Final = (
-    "Under feedback a robot's posterior is its opinion, not an estimate of the fill ratio: it counts what other robots "
-    "concluded as if they had read it."
-)
-
-
 def holds_opinions(scenario: Scenario) -> bool:
-    """Return whether robots count conclusions of others as readings, so that ``OPINION_NOTE`` applies.
-
-    This is not known of strategies that are not built in; the result is False for them.
-    """
+    """Return whether robots count conclusions of others as readings; False for strategies that are not built in."""
     name = scenario.strategy.name
     # The first two have feedback whatever their parameters.
     return name in ("positive", "soft") or (
         name == "bayes_bots" and bool(scenario.strategy.params.positive_feedback)
+    )
+
+
+def has_wrong_rates(scenario: Scenario) -> bool:
+    """Return whether robots go by error rates of their sensor that are not its true ones."""
+    uses_rates = "error rates" in told(scenario.strategy.entry, scenario.decision.boundary_of)
+    return uses_rates and claims_differ(scenario.sensor, grid_of(scenario))
+
+
+COUNTED: Final = {
+    "total": ("observations, own and received", ("samples", "messages_received")),
+    "own": ("own samples", ("samples",)),
+    "received": ("received bits", ("messages_received",)),
+}
+"""What a gate (``decision.gate``) counts, in words, and by columns of the table of robots."""
+
+
+def gate_unreached(scenario: Scenario, robots: pl.DataFrame) -> str:
+    """Return a sentence if no robot had enough observations to decide; empty if one had, or there is no gate."""
+    rule = scenario.decision
+    if scenario.task.asks_number or "min_observations" not in fields_read(scenario.strategy.entry):
+        return ""
+    words, columns = COUNTED[rule.gate]
+    most = robots.select(pl.sum_horizontal(columns).max()).item()
+    if most is None or most > rule.min_observations:
+        return ""
+    return (
+        f"No robot was allowed to decide: that takes more than {rule.min_observations} {words} "
+        f"(decision.min_observations); the most that one had is {most}."
     )

@@ -1,13 +1,8 @@
-"""Compare cells in pairs, run by run.
+"""Compare cells in pairs that differ in a single field, or in the label and the fields that it stands for.
 
-A pair is a cell and its reference, which differ in a single field, or in the label and the fields that the label stands
-for. Every two strategies are compared, also every two labels that set the strategy. In another field, each value is
-compared with the field's first value. The user may name a reference: a value with which the other values of its field
-are compared instead.
-
-The compared fields are those whose values are words: strategies, presets, labels and the like. A numeric field is
-compared only if no other field is varied and it has few values, since many values make a curve. The floor is never
-compared, since it is not a choice of the user of a swarm. The p-values are corrected over all comparisons of a study.
+Of strategies all pairs are compared, of other words the first value, or the reference that the user names, with the
+others. A numeric field is compared only if nothing else varies and it has few values: many make a curve. Floors are
+not, since the user of a swarm does not choose them. P-values are corrected over all comparisons of a study.
 """
 
 from __future__ import annotations
@@ -16,15 +11,14 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import polars as pl
 
 from vibroswarm.errors import check_choice
 from vibroswarm.statistics.figures import BY_COLUMN
 from vibroswarm.statistics.paired import COMPARED, ESTIMATED, Paired, compare, holm
-from vibroswarm.study.cells import Cell
-from vibroswarm.study.factors import LABEL
+from vibroswarm.study.cells import LABEL, Cell
 from vibroswarm.study.runs import Runs
 from vibroswarm.study.spec import SOURCE
 
@@ -49,10 +43,7 @@ class Pair(NamedTuple):
 
     @property
     def names(self) -> tuple[str, str, str]:
-        """What both are called beside each other, and the varied values that they share, as text.
-
-        Each is called by its value of the field, ``-`` if it does not set it, or by its name if the values are labels.
-        """
+        """What both are called (value of the field, or name of the cell), and the values that they share, as text."""
         rest = self.cell.text_of(k for k in self.cell.point if k != self.field)
         first, reference = (cell.text_of([self.field]) or "-" for cell in (self.cell, self.reference))
         if self.field == LABEL or first == reference:
@@ -91,12 +82,6 @@ class Compared:
             return None
         return self.paired.difference.estimate * BY_COLUMN[self.paired.figure].better > 0
 
-    def as_row(self) -> dict[str, Any]:
-        """Return a flat row for a table."""
-        pair = self.pair
-        cells = {"name": pair.name, "cell": pair.cell.number, "reference": pair.reference.number}
-        return cells | self.paired.as_row()
-
 
 class Answer(NamedTuple):
     """What the comparison of a pair says."""
@@ -107,14 +92,7 @@ class Answer(NamedTuple):
 
 
 def pairs_of(cells: Sequence[Cell], reference: str | None = None) -> list[Pair]:
-    """List the pairs of cells; of several cells with equal points, only the first is compared.
-
-    Args:
-        reference: a value of a compared field, as text, with which the field's other values are compared.
-    Returns: the pairs; none if there are more than ``MOST_PAIRS``.
-    Raises:
-        InputError: no compared field has this value.
-    """
+    """List the pairs of cells, of equal ones the first; none if there are more than ``MOST_PAIRS``."""
     names, first_of, pairs = _compared_fields(cells), dict[str, Cell](), list[Pair]()
     if reference is not None:
         check_choice(reference, "--reference", {c.texts[k] for c in cells for k in names if k in c.texts})
@@ -170,11 +148,7 @@ def _key(cell: Cell, without: Sequence[str] | set[str]) -> str:
 
 
 def comparisons(runs: Runs, reference: str | None = None) -> list[Compared]:
-    """Compare all pairs of cells in all figures, with p-values corrected over all comparisons (Holm).
-
-    Returns: the comparisons pair by pair; those of a pair in the order of ``statistics.paired.COMPARED``, or of its
-        ``ESTIMATED`` where the task asks for a number.
-    """
+    """Compare all pairs of cells in all figures, pair by pair; p-values are corrected over all (Holm)."""
     pairs = [pair for pair in pairs_of(runs.cells, reference) if all(runs.there[c.number] for c in pair[:2])]
     if not pairs:
         return []
@@ -196,7 +170,11 @@ def comparisons(runs: Runs, reference: str | None = None) -> list[Compared]:
 
 def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
     """Tabulate comparisons, one row per pair of cells and figure; without comparisons the table has no columns."""
-    return pl.DataFrame([comparison.as_row() for comparison in compared], infer_schema_length=None)
+    rows = [
+        {"name": pair.name, "cell": pair.cell.number, "reference": pair.reference.number, **paired.as_row()}
+        for pair, paired in ((one.pair, one.paired) for one in compared)
+    ]
+    return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def answers_of(compared: Sequence[Compared]) -> tuple[Answer, ...]:

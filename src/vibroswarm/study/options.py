@@ -26,7 +26,7 @@ from vibroswarm.scenario.scenario import (
     preset,
 )
 from vibroswarm.strategies.place_map import WITH_MAP
-from vibroswarm.study.factors import LABEL
+from vibroswarm.study.cells import LABEL
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.spec import Study, with_fields
 
@@ -61,11 +61,7 @@ class ScenarioOptions(TypedDict, total=False):
 
 
 def scenario_of(**options: Unpack[ScenarioOptions]) -> Scenario:
-    """Return the scenario of ``preset`` or ``scenario``, changed by other options, and by ``settings`` last.
-
-    Raises:
-        InputError: an option or field is wrong.
-    """
+    """Return the scenario of ``preset`` or ``scenario``, changed by other options, and by ``settings`` last."""
     base = base_of(**options)
     return base.with_values(values_of(base, **options))
 
@@ -79,11 +75,7 @@ def base_of(**options: Unpack[ScenarioOptions]) -> Scenario:
 
 
 def scenario_named(name: str, settings: Sequence[str] = (), field: str | None = None) -> Scenario:
-    """Return the scenario of a preset or file, with fields set by ``settings``.
-
-    Args:
-        field: what names it, for messages.
-    """
+    """Return the scenario of a preset or file, with fields set by ``settings``."""
     if name not in preset_names() and not Path(name).is_file():
         raise InputError(
             f"'{name}' is neither a file nor a preset{nearest(name, preset_names())}", field=field
@@ -99,11 +91,7 @@ def stated_fields(**options: Unpack[ScenarioOptions]) -> list[str]:
 
 
 def check_one_floor(made: Scenario, /, **options: Unpack[ScenarioOptions]) -> None:
-    """Refuse a recording without its floor, or with a random one: its robots were on one real floor.
-
-    Args:
-        made: the scenario that the options describe, of which ``floor`` or ``scenario`` must state the floor.
-    """
+    """Refuse a recording without its floor, or with a random one: its robots were on one real floor."""
     if options.get("floor") is None and options.get("scenario") is None:
         raise InputError("is required: on which floor were the robots?", field="--floor")
     if made.change.is_random or (made.floor.is_named and is_generated(made.floor.source)):
@@ -113,9 +101,7 @@ def check_one_floor(made: Scenario, /, **options: Unpack[ScenarioOptions]) -> No
 def values_of(base: Scenario, **options: Unpack[ScenarioOptions]) -> dict[str, Any]:
     """Return the values of the fields that options set, by dotted names; files of user code are loaded.
 
-    Args:
-        base: the scenario whose fields are set. Its random floor is used if ``tiles`` is given without ``floor``, and
-            its numbers of rows and columns if ``floor`` names a random floor and ``tiles`` is not given.
+    ``base`` has the random floor if ``tiles`` is given alone, and the numbers of tiles if a random ``floor`` is.
     """
     floor, tiles = options.get("floor"), options.get("tiles")
     settings = parse_settings(options.get("settings", ()))
@@ -154,14 +140,7 @@ def _the_one(value: Any, option: str) -> Any:
 
 
 def chosen(kind: str, text: str) -> str:
-    """Check the name of a strategy, network, task or motion source, and return it as scenarios and results store it.
-
-    Args:
-        kind: "strategy", "network", "task" or "motion".
-        text: a known name, or FILE.py:NAME, which is loaded and returned with the hash of its code.
-    Raises:
-        InputError: the name is unknown, or the file cannot be loaded.
-    """
+    """Check a name, or load FILE.py:NAME, and return it as scenarios and results store it."""
     if plugins.is_code(text):
         return str(plugins.load_file(kind, text).code)
     if kind == "motion":
@@ -178,11 +157,7 @@ def chosen(kind: str, text: str) -> str:
 def _floor_values(
     base: Scenario, spec: str | None, tiles: str | None, threshold: float | None
 ) -> dict[str, Any]:
-    """Return the fields of the floor that ``--floor`` and ``--tiles`` describe.
-
-    A random floor is stored by name and size, a pattern by name. The tiles of a file are copied into the scenario, so
-    that the scenario does not depend on the file.
-    """
+    """Return the fields of the floor; tiles of a file are copied, so that the scenario does not depend on it."""
     size = None if tiles is None else parse_tiles(tiles)
     if spec is None:
         if not (base.floor.is_named and is_generated(base.floor.source)):
@@ -245,8 +220,6 @@ def study_of(
             raise InputError("is not for a study file, which says what is simulated", field=f"--{name}")
         study = Study.read(files[0]) if len(files) == 1 else _side_by_side(files)
         return study if runs is None else study.with_runs(runs)
-    if runs is not None and until is not None:
-        raise InputError("use --runs or --until, not both", field="--until")
     varied = _varied(vary)
     for option in ("strategy", "robots"):
         if len(values := several(scenario.get(option))) > 1:
@@ -256,7 +229,7 @@ def study_of(
     return Study(
         base=_base_beside(varied, scenario),
         vary={"grid": varied} if varied else {},
-        runs=None if precision else RUNS if runs is None else runs,
+        runs=RUNS if runs is None and precision is None else runs,
         until=precision,
         seed=1 if seed is None else seed,
         motion=chosen("motion", motion or "event"),
@@ -280,10 +253,7 @@ def _side_by_side(files: Sequence[Path]) -> Study:
 
 
 def _base_beside(varied: dict[str, list[Any]], scenario: ScenarioOptions) -> dict[str, Any]:
-    """Return the base of a study, which may fit together only with the values that vary: each cell is then judged.
-
-    If presets vary, it has only the fields that options set; all others come from each preset.
-    """
+    """Return the base of a study, which may fit together only with the values that vary."""
     if "preset" in varied:
         return with_fields({}, values_of(preset("paper"), **scenario))
     try:
@@ -311,12 +281,7 @@ def _varied(texts: Sequence[str]) -> dict[str, list[Any]]:
 def detection_scenario(
     more_than: float | None = None, boundary_of: str | None = None, **scenario: Unpack[ScenarioOptions]
 ) -> Scenario:
-    """Return the scenario of a detection; its robots allow for their sensor's errors unless ``boundary_of`` is set.
-
-    Args:
-        more_than: share of the tiles that is asked about. boundary_of: "tiles" or "readings". scenario: other options;
-            of several numbers of robots, the first is that of the scenario.
-    """
+    """Return the scenario of a detection; robots allow for their sensor's errors unless ``boundary_of`` is set."""
     given = parse_settings(scenario.get("settings", ()))
     scenario["robots"] = several(scenario.get("robots"))[:1]
     if scenario.get("tiles") is not None and scenario.get("floor") is None:

@@ -1,11 +1,8 @@
 """Run until a figure is precise enough: its interval is computed ("a look") after 100, 200, 400, ... runs.
 
 Looking repeatedly is corrected for. The interval of look k = 1, 2, ... has the level 1 - a_k with
-a_k = (1 - level) 6 / (pi k)^2 (1). The a_k sum to 1 - level, so all intervals together hold at the level, whatever the
-number of looks. So the last interval is valid, although it was chosen because it was the first that is narrow enough.
-Runs that are nearly alike have a narrow interval, whatever rarely happens. So the runs of a mean must also be so many
-that the upper limit of what happened in none of them, times how far runs can be apart, if this is known, is within the
-precision. Cells that share motion need no more runs once the figure is precise enough in each of them.
+a_k = (1 - level) 6 / (pi k)^2 (1). The a_k sum to 1 - level, so all intervals together hold at the level. Runs of a
+mean must also be so many that what happened in none of them cannot move it by more than the precision.
 """
 
 from __future__ import annotations
@@ -17,12 +14,14 @@ from typing import Any, Final, NamedTuple
 
 from vibroswarm.errors import InputError, check_choice, share_from, whole_number_of
 from vibroswarm.statistics import figures
-from vibroswarm.statistics.intervals import Interval, check_level, wilson_limits
+from vibroswarm.statistics.intervals import Interval, wilson_limits
 
 FIRST_LOOK: Final = 100
 """Number of runs at the first look; it doubles from look to look."""
 MOST: Final = 100_000
 """Most runs of a cell unless the study says otherwise."""
+LEVEL: Final = 0.95
+"""Level of all intervals of a cell together."""
 FIGURES: Final = tuple(
     figure.name
     for figure in figures.FIGURES
@@ -34,8 +33,6 @@ FIGURES: Final = tuple(
 class Settled(NamedTuple):
     """How far cells that share motion are at their last look."""
 
-    look: int
-    """The look, counted from 0."""
     runs: int
     """Number of runs at that look."""
     level: float
@@ -49,17 +46,13 @@ class Precision:
     """The wanted half-width of a figure's interval, and the most runs that may be made for it.
 
     Args:
-        half_width: between 0 and 1; relative to the figure for a time and a number of messages, absolute for the
-            others (0.02 of a share is two percentage points).
-        figure: one of ``FIGURES``. max_runs: most runs of a cell. level: of all intervals together, between 0 and 1.
-    Raises:
-        InputError: one of them is wrong.
+        half_width: between 0 and 1; relative to the figure for a time and a number of messages, else absolute.
+        figure: one of ``FIGURES``. max_runs: most runs of a cell.
     """
 
     half_width: float
     figure: str = "decision_time_s"
     max_runs: int = MOST
-    level: float = 0.95
 
     def __post_init__(self) -> None:
         if not 0 < self.half_width < 1:
@@ -68,7 +61,6 @@ class Precision:
             )
         check_choice(self.figure, "figure", FIGURES)
         whole_number_of(self.max_runs, "max_runs", low=FIRST_LOOK, high=10**9)
-        check_level(self.level)
 
     @classmethod
     def of(cls, until: Any, **others: Any) -> Precision:
@@ -83,7 +75,6 @@ class Precision:
             "until": f"{100 * self.half_width:.12g}%",
             "figure": self.figure,
             "max_runs": self.max_runs,
-            "level": self.level,
         }
 
     def looks(self) -> Iterator[int]:
@@ -96,16 +87,12 @@ class Precision:
 
     def level_at(self, look: int) -> float:
         """Return the level of the interval at a look, which is counted from 0 here: equation (1) with k = look + 1."""
-        return 1.0 - (1.0 - self.level) * 6.0 / (math.pi * (look + 1)) ** 2
+        return 1.0 - (1.0 - LEVEL) * 6.0 / (math.pi * (look + 1)) ** 2
 
     def reached(self, found: Interval, t_end_s: float) -> bool:
         """Return whether an interval is narrow enough; one of width 0 is not, as it comes from too few data.
 
-        Nor are the limits of a mean that values which did not occur may move further: of 100 runs that end within 50 s
-        of each other, none may be one of the 1 % in which robots stay undecided.
-
-        Args:
-            found: interval of the figure, over runs. t_end_s: end of the runs, s.
+        Nor is that of a mean if values that did not occur, up to ``t_end_s`` (s) away, could move it further.
         """
         figure, width = figures.BY_NAME[self.figure], found.high - found.low
         is_relative = figure.unit == "s" or self.figure == "sent"

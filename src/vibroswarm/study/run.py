@@ -1,8 +1,7 @@
-"""The one loop over runs: blocks that are missing are submitted to an executor, and saved as they finish.
+"""The one loop over runs: blocks that are missing are submitted to any executor, and saved as they finish.
 
-Any executor of ``concurrent.futures`` will do. Threads are the default, since kernels release the GIL; no result
-depends on the executor. Blocks are taken in random order, and skipped if another process has written them: the same
-command on several machines with one folder shares the work.
+Blocks are taken in random order, and skipped if another process has written them: the same command on several machines
+with one folder shares the work. No result depends on the executor.
 """
 
 from __future__ import annotations
@@ -60,11 +59,6 @@ class StudyProgress(NamedTuple):
     of: int = 0
     """Runs of cells of the first look."""
 
-    @property
-    def share(self) -> float:
-        """Share of the wanted runs that is done; 0 if none is wanted."""
-        return self.done / max(self.wanted, 1)
-
 
 Progress = Callable[[StudyProgress], None]
 
@@ -118,6 +112,7 @@ def run(
     progress(StudyProgress(0, 0, kept, looks[0] * len(cells)))
     with pool_for(executor, workers) as pool:
         for look in looks:
+            found = replace(found)  # which has read nothing of the store yet
             tasks = [*_missing(found, look)][shard[0] - 1 :: shard[1]]
             if not is_cached() and tasks:  # kernels are compiled here, and not by every worker
                 simulate_runs(tasks[0]._replace(last=tasks[0].first + 1))
@@ -126,7 +121,7 @@ def run(
             progress(StudyProgress(0, wanted))
             do_all(pool, simulate_runs, tasks, take, is_done=is_done)
             store.refresh()
-    return replace(found)  # which has read nothing of the store yet
+    return replace(found)
 
 
 def opened(
@@ -151,7 +146,8 @@ def _missing(found: Runs, runs: int) -> Iterator[Task]:
     store, code = found.store, versions()["code"]
     for group in groups_of(found.cells):
         scenarios = {found.keys[cell.number]: cell.scenario for cell in group}
-        if found.is_settled(group):
+        settled = found.settled.get(group[0].number)
+        if settled is not None and settled.reached:
             continue
         size = block_size([*scenarios.values()], store.world["motion"], runs)
         files = plugins.texts_of({found.motion, *(code for one in scenarios.values() for code in one.codes)})
@@ -178,13 +174,7 @@ def do_all(
     *arguments: Any,
     is_done: Callable[[T], bool] = lambda task: False,
 ) -> None:
-    """Call a function with each task, and further arguments, in the pool; take the results as they finish.
-
-    Args:
-        is_done: asked before a task is submitted; those that are done are skipped.
-    Raises:
-        RunError: the workers are gone. Errors of the function are raised as they are.
-    """
+    """Call a function with each task that is not done, and further arguments; take results as they finish."""
     left, pending = list(reversed(tasks)), dict[Future[R], T]()
     try:
         while left or pending:
@@ -210,10 +200,7 @@ def pool_for(executor: str | Executor = "threads", workers: int | None = None) -
 
     Args:
         executor: ``threads``, ``processes``, ``dask://HOST:PORT``, or an ``Executor``.
-        workers: number of threads or processes; None: one for each processor.
-    Raises:
-        InputError: there is no such executor, or Dask is not installed. RunError: no Dask scheduler answers, or it has
-            no workers.
+        workers: by default as many as processors.
     """
     count = workers or processors()
     if isinstance(executor, Executor):

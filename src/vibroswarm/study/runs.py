@@ -21,17 +21,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError
-from vibroswarm.inference.outcomes import ROBOTS, RUNS, Array, numbers
+from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
 from vibroswarm.simulation import simulate
-from vibroswarm.statistics.figures import BY_NAME, FIGURES, columns_of, interval
+from vibroswarm.statistics.figures import BY_NAME, FIGURES, interval
 from vibroswarm.study.batch import OF_ROBOTS, WALK, motion_key, samples_of_run
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.precision import Precision, Settled
@@ -50,10 +49,6 @@ OF_RUN: Final = pl.exclude("key", "run", "reported", OF_ROBOT)
 YES_OR_NO: Final = tuple(figure.by_run for figure in FIGURES if figure.kind == "runs")
 ROWS_AT_A_TIME: Final = 50_000
 """Most rows of a block of cells, unless a single cell has more."""
-AGAIN_S: Final = 30.0
-"""Longest time for which runs of a cell of a slow source are simulated again for pictures, s."""
-MUJOCO_S: Final = 1.1
-"""Rough processor time to simulate one robot for 1200 s in MuJoCo, s."""
 AGAIN_SAMPLES: Final = 5_000_000
 """Most samples of a cell that are simulated again for pictures, which take about 0.3 kB of memory each."""
 
@@ -98,47 +93,34 @@ class Runs(NotebookView):
         """Return how many runs of a cell, from run 0 on, enter its figures."""
         if self.until is None:
             return self.runs
-        found = self.settled(cell)
+        if cell.number in self.settled:
+            return self.settled[cell.number].runs
         # Before the first look, those that are there without a gap.
-        return (
-            next(iter(self.store.ranges.get(self.keys[cell.number], ())), (0, 0))[1]
-            if found is None
-            else found.runs
-        )
-
-    def settled(self, cell: Cell) -> Settled | None:
-        """Return how far a cell is at its last look; None without a precision, or before the first look."""
-        return (self.whole or self)._settled[cell.number]
+        return next(iter(self.store.ranges.get(self.keys[cell.number], ())), (0, 0))[1]
 
     @cached_property
-    def _settled(self) -> dict[int, Settled | None]:
-        found = [(self._last_look(group), group) for group in groups_of(self.cells)]
-        return {cell.number: look for look, group in found for cell in group}
-
-    def is_settled(self, group: Sequence[Cell]) -> bool:
-        """Return whether cells that share motion need no more runs for the precision that is wanted."""
-        found = self._last_look(group)
-        return found is not None and (found.reached or found.runs == (self.until and self.until.max_runs))
-
-    def _last_look(self, group: Sequence[Cell]) -> Settled | None:
-        """Return the first look at which the figure is precise enough in all cells, or the last that is there."""
-        found, until = None, self.until
-        if until is None:
-            return None
-        for look, runs in enumerate(until.looks()):
-            if any(self.store.there(self.keys[cell.number], 0, runs) < runs for cell in group):
-                break
-            level = until.level_at(look)
-            found = Settled(look, runs, level, all(self._is_precise(cell, runs, level) for cell in group))
-            if found.reached:
-                break
+    def settled(self) -> dict[int, Settled]:
+        """The last look at each cell, by its number; cells that share motion are looked at together."""
+        if self.whole is not None:
+            return self.whole.settled
+        if (until := self.until) is None:
+            return {}
+        found = dict[int, Settled]()
+        for group in groups_of(self.cells):
+            for look, runs in enumerate(until.looks()):
+                if any(self.store.there(self.keys[cell.number], 0, runs) < runs for cell in group):
+                    break
+                level = until.level_at(look)
+                last = Settled(runs, level, all(self._is_precise(until, cell, runs, level) for cell in group))
+                found |= {cell.number: last for cell in group}
+                if last.reached:
+                    break
         return found
 
-    def _is_precise(self, cell: Cell, runs: int, level: float) -> bool:
-        assert self.until is not None
-        figure, t_end_s = BY_NAME[self.until.figure], cell.scenario.run.t_end_s
+    def _is_precise(self, until: Precision, cell: Cell, runs: int, level: float) -> bool:
+        figure, t_end_s = BY_NAME[until.figure], cell.scenario.run.t_end_s
         rows = self.rows(*figure.read, cells=[cell], runs=runs)
-        return self.until.reached(interval(figure.name, columns_of(rows), level, t_end_s=t_end_s), t_end_s)
+        return until.reached(interval(figure.name, rows, level, t_end_s), t_end_s)
 
     def rows(
         self, *columns: str | pl.Expr, cells: Sequence[Cell] | None = None, runs: int | None = None
@@ -163,45 +145,24 @@ class Runs(NotebookView):
         joined = wanted.lazy().join(stored, on="key").filter(pl.col("run") < pl.col("_runs"))
         return joined.drop("key", "_runs").collect().sort("cell", "run")
 
-    def blocks(self) -> Iterator[list[Cell]]:
+    def blocks(self) -> Iterator[Sequence[Cell]]:
         """Yield some cells at a time, so that few of their ``rows`` need to be in memory."""
-        block, size = list[Cell](), 0
-        for cell in [*self.cells, None]:
-            if cell is None or (block and size + self.runs_of(cell) > ROWS_AT_A_TIME):
-                yield block
-                block, size = [], 0
-            if cell is not None:
-                block.append(cell)
-                size += self.runs_of(cell)
+        size = max(ROWS_AT_A_TIME // max(1, *map(self.runs_of, self.cells)), 1)
+        for first in range(0, len(self.cells), size):
+            yield self.cells[first : first + size]
 
     @cached_property
     def frame(self) -> pl.DataFrame:
         """A row for each cell and run, see the head of this module."""
-        rows = self.rows()
-        after = {"decision_time_s": "undecided", "consensus_time_s": "swarm_undecided"}
-        rows = rows.with_columns(
-            pl.col(YES_OR_NO).cast(pl.Boolean), swarm_undecided=pl.col("consensus_time_s").is_null()
-        )
-        moved = set(after.values())
-        names = [
-            each for name in rows.columns if name not in moved for each in (name, after.get(name)) if each
-        ]
-        return self._with_cells(rows.select(names).rename(COUNTS))
+        is_open = pl.col("consensus_time_s").is_null()
+        rows = self.rows().with_columns(pl.col(YES_OR_NO).cast(pl.Boolean), swarm_undecided=is_open)
+        return self._with_cells(rows.rename(COUNTS))
 
     @cached_property
     def robots(self) -> pl.DataFrame:
         """A row for each cell, run and robot; ``decision_time_s`` is null if the robot is ``undecided``."""
         rows = self._robots(self.rows(OF_ROBOT))
-        names = list(rows.columns)
-        names.insert(names.index("decision_time_s") + 1, "undecided")
-        return self._with_cells(rows.with_columns(undecided=pl.col("decision") == -1).select(names))
-
-    @cached_property
-    def reported(self) -> pl.DataFrame:
-        """What robots reported at the end of runs, means over the robots of a run."""
-        return self._with_cells(
-            self.rows("reported").drop_nulls("reported").explode("reported").unnest("reported")
-        )
+        return self._with_cells(rows.with_columns(undecided=pl.col("decision") == -1))
 
     def tables(self, cell: Cell) -> tuple[pl.DataFrame, pl.DataFrame]:
         """Return the tables of robots and of runs of a cell, as a ``Result`` has them, with how robots sampled."""
@@ -221,22 +182,6 @@ class Runs(NotebookView):
         keys = [name for name in ("cell", "run") if name in rows.columns]
         rows = rows.select(*keys, number.alias("robot"), *lists).explode("robot", *lists)
         return rows.rename({name: name.removeprefix("robot.") for name in lists}).cast({"run": pl.UInt32})
-
-    def by_run(self, figures: Sequence[str]) -> dict[str, Array]:
-        """Return figures of each run, (cells, runs) each, nan where a run does not have the figure.
-
-        Raises:
-            InputError: runs are missing.
-        """
-        self.check_complete()
-        columns = [BY_NAME[name].by_run for name in figures]
-        rows = self.rows(*columns)
-        shape = (len(self.cells), -1)
-        order = np.argsort(np.argsort([cell.number for cell in self.cells]))
-        return {
-            name: numbers(rows[column].cast(pl.Float64)).reshape(shape)[order]
-            for name, column in zip(figures, columns, strict=True)
-        }
 
     def check_complete(self) -> None:
         """Raise InputError if runs of a cell are missing."""
@@ -279,21 +224,13 @@ class Runs(NotebookView):
         return simulate(cell.scenario, self.seed, runs, motion=self.motion, **how)
 
     def runs_again(self, cell: Cell, most: int) -> int:
-        """Return how many runs of a cell, from run 0 on, are simulated again for a picture, at least one.
-
-        They are fewer than ``most`` if they have many samples, or their source of motion is slow.
-        """
-        scenario, runs = cell.scenario, float(min(most, self.runs_of(cell)))
-        if scenario.run.stop == "t_end":  # other runs may end long before
-            runs = min(runs, AGAIN_SAMPLES / samples_of_run(scenario))
-        if self.motion == "mujoco":
-            runs = min(runs, AGAIN_S * 1200.0 / (MUJOCO_S * scenario.swarm.robots * scenario.run.t_end_s))
-        return max(int(runs), 1)
+        """Return how many runs of a cell, from run 0 on, are simulated again for a picture: fewer if runs are large."""
+        fits = 1.0 if self.motion == "mujoco" else AGAIN_SAMPLES / samples_of_run(cell.scenario)
+        return max(int(min(most, self.runs_of(cell), fits)), 1)
 
     def to_pandas(self, table: str = "frame") -> pd.DataFrame:
         """Convert ``frame`` or ``robots`` to pandas, which must be installed."""
         needed("pandas", "frames", "to_pandas")
-        needed("pyarrow", "frames", "to_pandas")
         frame: pl.DataFrame = getattr(self, table)
         return frame.to_pandas()
 
@@ -302,22 +239,20 @@ class Runs(NotebookView):
 
         Cells that do not set all varied fields, or of which some are equal, have the dimension ``cell`` instead.
         """
-        xarray = needed("xarray", "frames", "to_xarray")
+        needed("xarray", "frames", "to_xarray")
         frame = self.to_pandas(table)
         further = ["run", "robot"] if table == "robots" else ["run"]
         keys = frame[[*self.varied, *further]]
         is_grid = bool(self.varied) and not (keys.duplicated().any() or keys.isna().to_numpy().any())
         texts = frame.astype(dict.fromkeys(frame.select_dtypes("category"), str))
-        dataset: xr.Dataset = xarray.Dataset.from_dataframe(
-            texts.set_index([*(self.varied if is_grid else ["cell"]), *further])
-        )
-        return dataset
+        index = [*(self.varied if is_grid else ["cell"]), *further]
+        return texts.set_index(index).to_xarray()  # type: ignore[no-any-return]
 
     @cached_property
     def cell_table(self) -> pl.DataFrame:
         """A row for each cell: number, varied fields, name, hash of the scenario, runs wanted and there."""
         rows = [
-            (cell.number, cell.name, cell.hash, self.runs_of(cell), self.there[cell.number])
+            (cell.number, cell.name, cell.scenario.hash, self.runs_of(cell), self.there[cell.number])
             for cell in self.cells
         ]
         schema = {

@@ -33,11 +33,11 @@ from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fields import rows_as_text
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.study.cells import Cell
-from vibroswarm.study.factors import (
+from vibroswarm.study.cells import (
     BLOCKS,
     LABEL,
     PRESET,
+    Cell,
     Point,
     fields_in,
     names_of,
@@ -48,7 +48,7 @@ from vibroswarm.study.precision import Precision
 from vibroswarm.study.run import MOST_RUNS, opened, run
 from vibroswarm.study.runs import Runs
 
-OF_UNTIL: Final = ("figure", "max_runs", "level")
+OF_UNTIL: Final = ("figure", "max_runs")
 """Keys that a study's file may have together with ``until``."""
 KEYS: Final = ("name", "runs", "until", *OF_UNTIL, "seed", "motion", "scenario", "floors", *BLOCKS)
 """Keys of a study's file."""
@@ -56,8 +56,6 @@ SOURCE: Final = "floor.source"
 """The field that names the floor: ``random:0.48``, a pattern, or a file."""
 TILES: Final = "floor.tiles"
 """The field with a floor's kinds of tile."""
-Rows = tuple[str, ...] | tuple[tuple[float, ...], ...]
-"""Rows of a floor, the top row first: a text of kinds of tile each, or values of tiles."""
 MARKER: Final = "study.toml"
 """File of a study in the folder of its runs."""
 
@@ -68,7 +66,7 @@ class Study:
 
     Args:
         base: a ``Scenario``, or sections of one as in its file, which may name a ``preset``.
-        vary: blocks of varied fields, see ``factors``; empty: one cell.
+        vary: blocks of varied fields, see ``cells``; empty: one cell.
         runs: number of runs of each cell; None if ``until`` is given.
         until: runs are added until the interval of a figure is this narrow, see ``precision``.
         seed: the seed, which is the same for all cells.
@@ -130,17 +128,8 @@ class Study:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any], *, folder: str | Path | None = None) -> Study:
-        """Make a study from the values of its TOML.
-
-        Args:
-            folder: where the floor files and the code files are that the study names.
-        Raises:
-            InputError: something is wrong.
-        """
+        """Make a study from the values of its TOML."""
         folder = None if folder is None else Path(folder)
-        for key in values:
-            if key in Scenario.model_fields:
-                raise InputError(f"belongs to a scenario: write [scenario.{key}]", field=key)
         check_known_keys(values, "study", KEYS)
         with plugins.search_beside(folder):
             motion = values.get("motion", "event")
@@ -164,12 +153,12 @@ class Study:
         values |= {"runs": self.runs} if self.until is None else self.until.as_values()
         values |= {"seed": self.seed, "motion": self.motion, "scenario": self._whole_base()}
         if self._floors:
-            values["floors"] = {name: [*map(_listed, rows)] for name, rows in self._floors.items()}
+            values["floors"] = self._floors
         return as_toml(values | dict(self.vary))
 
     def _whole_base(self) -> dict[str, Any]:
         """Return all fields of the base, and the default parameters of user code, so that no other default matters."""
-        base = _copied(self._sections)
+        base = self._sections
         if not any(PRESET in point for point in self._points):
             with suppress(InputError):  # it may fit together only with the values that vary
                 base = self._base({}, {}).model_dump(exclude_none=True)
@@ -196,11 +185,7 @@ class Study:
 
     @classmethod
     def open(cls, folder: Path) -> tuple[Study, Runs]:
-        """Return the study in a folder, and its runs that are there.
-
-        Raises:
-            InputError: the folder holds no study.
-        """
+        """Return the study in a folder, and its runs that are there."""
         read_manifest(folder, "study")
         study = cls.read(folder / MARKER)
         return study, opened(study.cells, folder=folder, **study._settings)
@@ -226,13 +211,14 @@ class Study:
     @cached_property
     def hash(self) -> str:
         """16 hexadecimal digits of cells, seed and source of motion, but not of the number of runs and the name."""
-        what = [self.seed, self.motion, [[cell.hash, cell.point] for cell in self.cells]]
+        what = [self.seed, self.motion, [[cell.scenario.hash, cell.point] for cell in self.cells]]
         text = json.dumps(what, sort_keys=True, default=list)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @property
-    def _sections(self) -> Mapping[str, Any]:
-        return self.base.model_dump(exclude_none=True) if isinstance(self.base, Scenario) else self.base
+    def _sections(self) -> dict[str, Any]:
+        base = self.base.model_dump(exclude_none=True) if isinstance(self.base, Scenario) else self.base
+        return {name: dict(part) if isinstance(part, Mapping) else part for name, part in base.items()}
 
     @cached_property
     def _points(self) -> list[Point]:
@@ -240,9 +226,9 @@ class Study:
         return [point | {TILES: rows_as_text(point[TILES])} if TILES in point else point for point in points]
 
     @cached_property
-    def _floors(self) -> dict[str, Rows]:
+    def _floors(self) -> dict[str, Any]:
         """Rows of the floors that the study defines or reads from files, by name."""
-        floors = {name: tuple(map(_hashable, rows_as_text(rows))) for name, rows in self.floors.items()}
+        floors = {name: rows_as_text(rows) for name, rows in self.floors.items()}
         section = self._sections.get("floor", {})
         if "tiles" in section or "values" in section:
             section = {}
@@ -258,12 +244,8 @@ class Study:
         return floors
 
     def _base(self, preset: dict[str, Any], values: Mapping[str, Any]) -> Scenario:
-        """Return the scenario in which a point replaces values.
-
-        Args:
-            preset: of the point, by ``PRESET``; empty: the study's own. values: that are replaced already.
-        """
-        base = with_fields(_copied(self._sections) | preset, values)
+        """Return the scenario in which a point replaces the preset and values."""
+        base = with_fields(self._sections | preset, values)
         floor = base.get("floor", {})
         if "tiles" not in floor and "values" not in floor and floor.get("source") in self._floors:
             base["floor"] = {**floor, **fields_of_floor(self._floors[floor["source"]])}
@@ -291,14 +273,6 @@ class Study:
                 raise
             texts = ", ".join(f"{k} = {value_as_text(v)}" for k, v in point.items())
             raise InputError(f"{error} (in the cell with {texts})") from None
-
-
-def _listed(row: Any) -> Any:
-    return row if isinstance(row, str) else list(row)
-
-
-def _hashable(row: Any) -> Any:
-    return row if isinstance(row, str) else tuple(row)
 
 
 def as_toml(values: Mapping[str, Any]) -> str:
@@ -331,10 +305,6 @@ def _inline(value: Any) -> str:
     return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
 
 
-def _copied(base: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: dict(v) if isinstance(v, Mapping) else v for k, v in base.items()}
-
-
 def with_fields(base: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """Return a base with fields set, by dotted names such as ``strategy.soft.eta``; None leaves a field out."""
     found = dict(base)
@@ -350,7 +320,7 @@ def with_fields(base: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str,
     return found
 
 
-def fields_of_floor(rows: Rows | None) -> dict[str, Rows | None]:
+def fields_of_floor(rows: Any) -> dict[str, Any]:
     """Return the fields of a scenario's floor that hold its rows; None without rows, for a floor that its name says."""
     has_values = rows is not None and any(not isinstance(row, str) for row in rows)
     return {"tiles": None if has_values else rows, "values": rows if has_values else None}

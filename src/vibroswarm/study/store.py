@@ -2,7 +2,8 @@
 
 A file is there whole, or it is not; one whose bytes do not fit its name is computed again. So killed processes, several
 writers, and folders that are merged by copying need nothing more. A block of another seed, source of motion or version
-of the code does no harm: it is not read.
+of the code is not read. ``verify`` simulates a sample of the runs again: one that differs was made by other code or
+libraries, on another kind of processor, or its files were changed.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ import shutil
 import sys
 import tempfile
 import weakref
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -27,9 +29,12 @@ import polars as pl
 from vibroswarm.core.atomic_io import make_folder, write_file
 from vibroswarm.core.tables import parquet_bytes
 from vibroswarm.core.user_code import is_known
+from vibroswarm.errors import InputError
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import versions
+from vibroswarm.statistics.intervals import generator
+from vibroswarm.study.batch import Task, simulate_runs
 
 FOLDER: Final = "runs"
 """Folder of the files in the folder of a study."""
@@ -54,11 +59,7 @@ def _hash(data: bytes) -> str:
 
 
 class Store:
-    """Blocks of one seed, source of motion and version of the code.
-
-    Args:
-        folder: of the study; None: a temporary one, removed with the object.
-    """
+    """Blocks of one seed, source of motion and version of the code; without a folder in a temporary one."""
 
     def __init__(self, folder: Path | None, seed: int, motion: str) -> None:
         if folder is None:
@@ -165,29 +166,18 @@ class Store:
 
 
 def key_of(scenario: Scenario, motion: str = "event") -> str | None:
-    """Return what files know a scenario by: its hash, and that of code that a program registered.
-
-    Returns: None if such code has no source text, so that its runs cannot be known again.
-    """
+    """Return what files know a scenario by: its hash, and that of registered code; None if that has no source text."""
     sources = registered_sources([scenario], motion)
     if None in sources.values():
         return None
     return scenario.hash + (_hash(json.dumps(sources).encode()) if sources else "")
 
 
-def registered_sources(
-    scenarios: Iterable[Scenario], motion: str = "", method: str = ""
-) -> dict[str, str | None]:
-    """Return a hash of the source text of all that is selected and has no file of its own, by kind and name.
-
-    It is the text of the module that defines it; None if that has none. What belongs to this package is left out.
-
-    Args:
-        motion, method: name of the source of motion, and of the method of search.
-    """
+def registered_sources(scenarios: Iterable[Scenario], motion: str) -> dict[str, str | None]:
+    """Return a hash of the module's source text, or None, of all that is selected and has no file of its own."""
     selected = {(one.kind, one.selected) for scenario in scenarios for one in scenario.choices}
     found: dict[str, str | None] = {}
-    for kind, name in sorted(selected | {("motion", motion), ("method", method)}):
+    for kind, name in sorted(selected | {("motion", motion)}):
         declared = plugins.KINDS[kind].known().get(name) if kind in plugins.KINDS else None
         if declared is not None and not declared.code:
             modules = {module for value in vars(declared).values() if (module := _module_of(value))}
@@ -209,3 +199,55 @@ def _source_of(module: str) -> str | None:
         return inspect.getsource(sys.modules[module])
     except (OSError, TypeError, KeyError):  # it was typed at a prompt
         return None
+
+
+@dataclass(frozen=True)
+class Verified:
+    """Runs that were simulated again."""
+
+    folder: Path
+    runs: pl.DataFrame
+    """A row for each: strategy, run, same, and the columns that differ."""
+    saved: int
+    """Number of runs in the folder."""
+    damaged: tuple[Path, ...]
+    """Files that cannot be read, whose runs are not among them."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether all of them came out the same, and no file is damaged."""
+        return bool(self.runs["same"].all()) and not self.damaged
+
+
+def verify(
+    folder: str | Path, runs: int = 20, seed: int = 1, progress: Callable[[float], None] = lambda share: None
+) -> Verified:
+    """Simulate a sample of the saved runs of studies in a folder, and in those within, again."""
+    folder = Path(folder)
+    places = sorted(path.parents[1] for path in folder.rglob(f"{FOLDER}/{SCENARIOS}"))
+    stores = [Store(place, *world) for place in places for world in Store.worlds(place)]
+    saved = [
+        (store, key, run)
+        for store in stores
+        for key, ranges in sorted(store.ranges.items())
+        for run in sorted({run for first, last in ranges for run in range(first, last)})
+    ]
+    damaged = tuple(dict.fromkeys(path for store in stores for path in store.damaged))
+    if not saved and not damaged:
+        raise InputError("holds no runs of studies of this version", field=str(folder))
+    drawn = generator(seed, "runs to verify").permutation(len(saved))[:runs]
+    rows = []
+    for place in sorted(drawn):
+        store, key, run = saved[place]
+        text = (store.folder / SCENARIOS / f"{key}.toml").read_text(encoding="utf-8")
+        kept = store.scan([key], run + 1)
+        assert kept is not None  # it is among those that are saved
+        task = Task(
+            ((key, text),), run, run + 1, store.world["seed"], store.world["motion"], store.world["code"]
+        )
+        mine, again = kept.filter(pl.col("run") == run).collect(), simulate_runs(task)
+        differing = [name for name in mine.columns if not mine[name].equals(again[name], null_equal=True)]
+        rows.append((Scenario.from_toml(text).strategy.name, run, not differing, ", ".join(differing)))
+        progress(len(rows) / len(drawn))
+    schema = {"strategy": pl.String, "run": pl.UInt32, "same": pl.Boolean, "columns": pl.String}
+    return Verified(folder, pl.DataFrame(rows, schema=schema, orient="row"), len(saved), damaged)

@@ -1,13 +1,10 @@
-"""Summarise the runs of cells: their figures with intervals, and comparisons.
-
-A run failed if its source of motion gave it up; its robots count as undecided.
-"""
+"""Summarise the runs of cells: their figures with intervals, and comparisons."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -17,12 +14,10 @@ import polars as pl
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import numbers
-from vibroswarm.statistics.cell_summary import CellSummary, summaries_of
 from vibroswarm.statistics.decidability import Decidability, decidability
-from vibroswarm.statistics.figures import columns_of, interval
-from vibroswarm.statistics.intervals import columns_of as interval_columns
-from vibroswarm.statistics.intervals import mean_interval, within
-from vibroswarm.statistics.robot_knowledge import counted, gate_unreached
+from vibroswarm.statistics.figures import cell_figures, interval
+from vibroswarm.statistics.intervals import Interval, columns_of, mean_interval, within
+from vibroswarm.statistics.verdict import gate_unreached
 from vibroswarm.study.batch import WALK
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.comparison import Answer, Compared, answers_of, comparison_table, comparisons
@@ -35,7 +30,12 @@ class CellOutcome:
     """The figures of a cell; times in s, lengths in m."""
 
     cell: Cell
-    summary: CellSummary
+    runs: int
+    robots: int
+    """Robots in all runs."""
+    t_end_s: float
+    figures: dict[str, Interval]
+    """By name, in the order of ``figures.FIGURES``."""
     walk: dict[str, Any]
     """Means of the columns ``WALK`` over runs, with ``_low`` and ``_high``; None for a value that is not finite."""
     decidable: Decidability
@@ -45,7 +45,7 @@ class CellOutcome:
     settled: Settled | None = None
     """How far the cell is at its last look; None if no precision is wanted, or before the first look."""
     unreached: str = ""
-    """Why no robot was allowed to decide (``statistics.robot_knowledge``); empty if one was."""
+    """Why no robot was allowed to decide (``statistics.verdict``); empty if one was."""
 
 
 @dataclass(frozen=True)
@@ -58,22 +58,21 @@ class Outcome(NotebookView):
     """The figures of each cell."""
     comparisons: tuple[Compared, ...]
     """One for each pair of cells and figure; empty if no cells are compared."""
-    without_runs: tuple[Cell, ...] = ()
-    """Cells of which no run is there; they are in no table."""
+    missing: int = 0
+    """Number of runs that are not there; cells without any are in no table."""
     answers: tuple[Answer, ...] = ()
     """An answer for each pair of cells that is compared."""
 
     @cached_property
     def table(self) -> pl.DataFrame:
-        """One row per cell: number, varied values and name, then all figures with their limits.
-
-        If the source of motion gave up a run of any cell, there is a column ``failed_runs``.
-        """
+        """One row per cell: number, varied values and name, then all figures with their limits."""
         rows = []
         for one in self.cells:
-            row = {**one.summary.as_row(), **one.walk}
-            failed = {"failed_runs": one.failed.height} if self.has_failed_runs else {}
-            rows.append({"runs": row.pop("runs"), **failed, **row})
+            row: dict[str, Any] = {"runs": one.runs, "failed_runs": one.failed.height, "robots": one.robots}
+            row |= {"t_end_s": one.t_end_s, "level": 0.95}
+            for name, found in one.figures.items():
+                row |= columns_of(name, found)
+            rows.append(row | one.walk)
         # A figure that no cell has is a column of numbers too, so that tables of several studies can be joined.
         figures = pl.DataFrame(rows, infer_schema_length=None).with_columns(pl.col(pl.Null).cast(pl.Float64))
         return self.runs.cell_table.drop("scenario_hash", "wanted", "there").hstack(figures)
@@ -92,9 +91,7 @@ class Outcome(NotebookView):
     def reported(self) -> pl.DataFrame:
         """What the robots of each cell reported at the end of their runs: means over runs, with intervals.
 
-        There is a row for each cell, report and place of an array: cell, name, report, index, unit, runs, and ``value``
-        and ``error`` with ``_low`` and ``_high``. ``error`` is the mean distance from the number that is asked for,
-        of reports that estimate it. A run in which no robot has a value is left out.
+        A row for each cell, report and place of an array; ``error`` is the mean distance from the number asked for.
         """
         cells = {one.cell.number: one.cell for one in self.cells}
         by_run = self.runs.rows("reported").drop_nulls("reported").explode("reported").unnest("reported")
@@ -105,67 +102,57 @@ class Outcome(NotebookView):
             row = {"cell": number, "name": cell.name, "report": report, "index": index}
             row |= {"unit": declared.unit if declared else "", "runs": own["value"].drop_nulls().len()}
             value, error = (mean_interval(own[name].drop_nulls().to_numpy()) for name in ("value", "error"))
-            row |= interval_columns("value", value[:3])
-            row |= interval_columns("error", within(error, 0.0, math.inf)[:3])
+            row |= columns_of("value", value[:3])
+            row |= columns_of("error", within(error, 0.0, math.inf)[:3])
             rows.append(row)
         floats = ("value", "value_low", "value_high", "error", "error_low", "error_high")
         kinds = {"cell": pl.UInt32, "index": pl.UInt32, **dict.fromkeys(floats, pl.Float64)}
         return pl.DataFrame(rows, schema_overrides=kinds) if rows else pl.DataFrame()
 
-    @property
-    def has_failed_runs(self) -> bool:
-        """Whether the source of motion gave up a run; only then is there a column ``failed_runs``."""
-        return any(cell.failed.height > 0 for cell in self.cells)
 
-
-def outcome_of(runs: Runs, reference: str | None = None, *, compare: bool = True) -> Outcome:
+def outcome_of(runs: Runs, reference: str | None = None) -> Outcome:
     """Summarise the runs of cells.
 
     Args:
         reference: value with which other cells are compared, see ``comparison.pairs_of``.
-        compare: whether cells are compared; if not, only their figures are computed.
     Raises:
         InputError: no cell has runs, or the reference is no value that is compared.
     """
-    without = tuple(cell for cell in runs.cells if not runs.there[cell.number])
-    if without and len(without) < len(runs.cells):
-        runs = runs.select(cell for cell in runs.cells if cell not in without)
+    missing = sum(runs.runs_of(cell) - runs.there[cell.number] for cell in runs.cells)
+    runs = runs.select([cell for cell in runs.cells if runs.there[cell.number]] or runs.cells)
     cells = [one for block in runs.blocks() for one in _outcomes(runs, block)]
-    compared = tuple(comparisons(runs, reference)) if compare else ()
-    return Outcome(runs, tuple(cells), compared, without, answers_of(compared))
+    compared = tuple(comparisons(runs, reference))
+    return Outcome(runs, tuple(cells), compared, missing, answers_of(compared))
 
 
 def _outcomes(runs: Runs, cells: Sequence[Cell]) -> Iterator[CellOutcome]:
     """Summarise cells."""
-    parts = runs.rows(cells=cells).partition_by("cell", as_dict=True)
-    tables = {int(number): table for (number,), table in parts.items()}
-    sizes = [tables[cell.number].height for cell in cells]
-    ends_s = [cell.scenario.run.t_end_s for cell in cells]
-    table = pl.concat([tables[cell.number] for cell in cells])
-    for cell, summary in zip(cells, summaries_of(table, sizes, ends_s), strict=True):
-        own, settled = tables[cell.number], runs.settled(cell)
+    tables = runs.rows(cells=cells).partition_by("cell", as_dict=True)
+    for cell in cells:
+        own, t_end_s, settled = tables[cell.number,], cell.scenario.run.t_end_s, runs.settled.get(cell.number)
+        figures = cell_figures(own, t_end_s)
         if settled is not None and runs.until is not None:  # the level allows for repeated looks
-            corrected = interval(runs.until.figure, columns_of(own), settled.level, t_end_s=summary.t_end_s)
-            summary = replace(summary, figures={**summary.figures, runs.until.figure: corrected})
+            name = runs.until.figure
+            figures[name] = interval(name, own, settled.level, t_end_s)
+        unreached = ""
+        if (own["undecided"] == own["robots"]).all():
+            counts = runs.rows("robot.samples", "robot.messages_received", cells=[cell])
+            robots = counts.select(pl.all().name.replace("robot.", "")).explode(
+                "samples", "messages_received"
+            )
+            unreached = gate_unreached(cell.scenario, robots)
         yield CellOutcome(
             cell=cell,
-            summary=summary,
+            runs=own.height,
+            robots=int(own["robots"].sum()),
+            t_end_s=t_end_s,
+            figures=figures,
             walk=_walk(own),
             decidable=decidability(cell.scenario),
             failed=own.drop_nulls("failed_s").select("run", time_s="failed_s", reason="failed"),
             settled=settled,
-            unreached=_unreached(runs, cell, own),
+            unreached=unreached,
         )
-
-
-def _unreached(runs: Runs, cell: Cell, own: pl.DataFrame) -> str:
-    """Return why no robot of a cell was allowed to decide; empty if one was."""
-    if (own["undecided"] < own["robots"]).any():
-        return ""
-    counts = runs.rows("robot.samples", "robot.messages_received", cells=[cell])
-    robots = counts.select(pl.all().name.replace("robot.", "")).explode("samples", "messages_received")
-    most = robots.select(counted(cell.scenario.decision.gate)).item()
-    return gate_unreached(cell.scenario, most)
 
 
 def _walk(of_runs: pl.DataFrame) -> dict[str, Any]:
@@ -175,5 +162,5 @@ def _walk(of_runs: pl.DataFrame) -> dict[str, Any]:
         values = numbers(of_runs[name])
         # It is infinite in a run in which all tiles were sampled equally often.
         known = values[np.isfinite(values)] if name == "effective_samples" else values
-        columns |= interval_columns(name, mean_interval(known))
+        columns |= columns_of(name, mean_interval(known))
     return columns

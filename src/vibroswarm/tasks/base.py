@@ -18,7 +18,7 @@ how near the robots' estimates are (``statistics.figures``, ``estimate_error`` a
 
 A task may be asked anew after each answer of a robot (``asked_anew``). What is right then depends on the robot:
 ``asked.start`` is the floor at its last answer 1, and a run has no right decision
-(``statistics.answers_over_time`` judges each answer).
+(``statistics.over_time`` judges each answer).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Task(Plugin):
             question makes no sense on a floor. asked_anew: a function of the parameters, whether each robot is asked
             anew once its decision becomes 1. presumed: the answer that is right at time 0 on every floor; an undecided
             robot counts as giving it; None: there is no such answer. Another first answer is a false change
-            (``statistics.answers_over_time``). scored: optional, a function like ``truth`` that returns the number by
+            (``statistics.over_time``). scored: optional, a function like ``truth`` that returns the number by
             which the estimates of robots are scored that decide as well; without it that is the fill ratio.
     """
 

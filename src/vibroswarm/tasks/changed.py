@@ -6,7 +6,7 @@
 | answer | - | 1: changed | 1 if that share is above ``more_than``, else 0 |
 | then | - | s | 0, or with ``since = "answer"`` the time at which the robot's answer last became 1 |
 
-The truth is a function of time (``statistics.answers_over_time``): the delay of the answer says how long after the
+The truth is a function of time (``statistics.over_time``): the delay of the answer says how long after the
 change it was noticed, and false changes how often it was without one. When it changed is what strategies report as
 ``changed_s``. With ``since = "answer"`` the truth is each robot's own, and a run has none.
 """
