@@ -48,8 +48,7 @@ def import_logs(
 ) -> None:
     """Read logs of sessions (one file each) of the same robots on one floor, into a folder that is read as a result.
 
-    Some fields of the scenario are inferred from the logs, unless options set them: threshold, gate, sample interval,
-    strategy and others.
+    Threshold and sample interval are inferred from the logs unless options set them; state how robots decide.
 
     examples:
       vibroswarm lab import day1.csv day2.csv --floor world.txt --tiles 5x5 --out lab

@@ -84,8 +84,6 @@ def recording_of(
     inferred = infer_settings(
         logs,
         prior=(scenario.decision.prior_alpha, scenario.decision.prior_beta),
-        eta=scenario.strategy.table("soft").eta,
-        kappa=scenario.strategy.table("soft").kappa,
         stop_s=_stop_s(scenario, stated, logs),
     )
     described, stated = _described(scenario, list(stated), logs, inferred, floor, robots=len(names))
