@@ -30,7 +30,6 @@ def import_logs(
     *logs: Annotated[
         Path, Option("one log per session, or folder of 'lab track', or of a log for each robot", "LOG")
     ],
-    reader: Annotated[str | None, Option("format of the logs (default: detected)")] = None,
     columns: Annotated[Path | None, Option("read any CSV with this column map (TOML)", "MAP")] = None,
     acceleration: Annotated[
         list[Path] | None,
@@ -38,9 +37,6 @@ def import_logs(
             "recorded acceleration, one CSV per session (robot,time_s,ax,ay,az): compute energies from it, and find "
             "samples in it if the log has places only"
         ),
-    ] = None,
-    known_robots: Annotated[
-        tuple[int, ...] | None, Option("numbers of the robots in the logs", "A,B", low=0)
     ] = None,
     any_floor: Annotated[bool, Option("continue if the floor does not fit the logs")] = False,
     scenario: ScenarioOptions,
@@ -59,19 +55,14 @@ def import_logs(
     from vibroswarm.report.recording import of_import, write_pages
     from vibroswarm.study.options import check_one_floor, stated_fields
 
-    refuse(
-        reader is not None and columns is not None, "--reader", "conflicts with --columns; use one of them"
-    )
     made = scenario_from(scenario)
     check_one_floor(made, **keywords_of(scenario))
     stated = stated_fields(**keywords_of(scenario))
-    read, computed, files = _logs_of(logs, reader, columns, acceleration, made)
-    robots = None if known_robots is None else list(known_robots)
-    settings = (made.hash, stated, reader, robots, any_floor, files)
-    claim(output, "lab import", *settings)
+    read, computed, files = _logs_of(logs, columns, acceleration, made)
+    claim(output, "lab import", made.hash, stated, any_floor, files)
     floor = made.floor_for(0, 0)  # seed and run do not matter: the floor is not random
     with named("--floor", of="floor"):
-        recording = recording_of(read, floor, made, stated, robots=robots, any_floor=any_floor)
+        recording = recording_of(read, floor, made, stated, any_floor=any_floor)
     recording.write_into(output.out)
     pages = write_pages(recording, output.out)
     deliver(of_import(recording, computed), output, page=pages[0], is_result=True)
@@ -79,7 +70,6 @@ def import_logs(
 
 def _logs_of(
     paths: Sequence[Path],
-    reader: str | None,
     columns: Path | None,
     acceleration: Sequence[Path] | None,
     scenario: Scenario,
@@ -94,9 +84,7 @@ def _logs_of(
     from vibroswarm.lab.recordings.read import CAMERA_LOG, read_log
     from vibroswarm.lab.recordings.read_tables import files_of
 
-    logs, computed = with_energies(
-        [read_log(path, reader, columns) for path in paths], scenario, acceleration
-    )
+    logs, computed = with_energies([read_log(path, columns) for path in paths], scenario, acceleration)
     files = [file for path in paths for file in files_of(path, CAMERA_LOG)]
     more = [file for path in acceleration or () for file in files_of(path)]
     read = [*files, *([columns] if columns is not None else []), *more]
@@ -133,11 +121,10 @@ def replay(
         "positive",
         "soft",
     ),
-    gate: Annotated[str | None, Option("observations counted for O_c: total, received or own")] = None,
     settings: Annotated[
         Sequence[str],
         Option(
-            "set a field of [sensor], [strategy] or [decision], such as rms_threshold=1.4; may be repeated",
+            "set a field of [sensor], [strategy] or [decision], such as decision.gate=own; may be repeated",
             "FIELD=VALUE",
             name="--set",
         ),
@@ -160,12 +147,13 @@ def replay(
     knew them.
 
     examples:
-      vibroswarm lab replay lab --strategy none,positive,soft --gate own --set rms_threshold=1.4
+      vibroswarm lab replay lab --strategy none,positive,soft --set sensor.rms_threshold=1.4
       vibroswarm lab replay day2 --strategy places --laws day1.toml --set strategy.places.edge_reach_m=0.01
     """
     from vibroswarm.inspection.laws import law_named, with_law
     from vibroswarm.lab.recordings.recording import Recording
-    from vibroswarm.lab.recordings.replay import replay_strategies, replayed_settings
+    from vibroswarm.lab.recordings.replay import replay_strategies
+    from vibroswarm.scenario.scenario import parse_settings
     from vibroswarm.study.options import chosen
 
     for name in strategy:
@@ -175,8 +163,7 @@ def replay(
     if laws is not None:
         recording, warnings = with_law(recording, law_named(laws, draws=0))
         scenario = recording.scenario
-    changed = replayed_settings(settings, gate)
-    scenario = scenario.with_values(changed)
+    scenario = scenario.with_values(parse_settings(settings))
     replays = replay_strategies(recording, scenario, strategy, draws, seed)
     print_report(replace(replays, warnings=warnings), as_json=json)
 

@@ -85,13 +85,17 @@ class Log:
     """Whether times are counted from the first row, as those of timestamps are."""
 
 
-def log_frame(rows: pl.DataFrame) -> pl.DataFrame:
-    """Return rows with ``line`` and all columns of ``SAMPLES``, in their types; those that are not there are null."""
-    kinds = {"line": pl.UInt32} | {name: use.kind for name, use in SAMPLES.items()}
+def in_schema(rows: pl.DataFrame, schema: Mapping[str, Any]) -> pl.DataFrame:
+    """Return the columns of a schema, in its types; those that are not there are null."""
     return rows.select(
         pl.col(name).cast(kind) if name in rows.columns else pl.lit(None, kind).alias(name)
-        for name, kind in kinds.items()
+        for name, kind in schema.items()
     )
+
+
+def log_frame(rows: pl.DataFrame) -> pl.DataFrame:
+    """Return rows with ``line`` and all columns of ``SAMPLES``."""
+    return in_schema(rows, {"line": pl.UInt32} | {name: use.kind for name, use in SAMPLES.items()})
 
 
 def log_of(rows: pl.DataFrame, name: str, reader: str, wraps_at: Mapping[str, float], **more: Any) -> Log:

@@ -24,7 +24,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError, check_choice
+from vibroswarm.errors import InputError
 from vibroswarm.lab.recordings.log import SAMPLES, Log, log_frame, log_of
 from vibroswarm.lab.recordings.read_tables import (
     Column,
@@ -36,7 +36,6 @@ from vibroswarm.lab.recordings.read_tables import (
     text_of,
 )
 
-FORMATS: Final = ("rugbot", "webots", "camera", "table")
 CELLS: Final = 19
 """Numbers in a line of data of a console log."""
 _CONSOLE: Final = {
@@ -56,23 +55,22 @@ CAMERA_COLUMNS: Final = tuple(name for name in SAMPLES if not name.startswith("p
 """Columns of the log of a tracked session."""
 
 
-def read_log(path: str | Path, reader: str | None = None, columns: str | Path | None = None) -> Log:
+def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
     """Read the log of a session.
 
     Args:
         path: of the log, or a folder: one that ``lab track`` has written, or of the session's files, such as one for
             each robot.
-        reader: name of the format, of ``FORMATS``; by default the one that the file has.
         columns: path of a column map; if it is given, the file is read by this map, whatever its format.
     Raises:
-        InputError: an unknown format, or the file is not of this format; the error names the row.
+        InputError: the file is not of its format; the error names the row.
     """
     path = Path(path)
     paths = files_of(path, CAMERA_LOG)
     name = path.resolve().name
     if columns is not None:
         return _read_table(paths, name, ColumnMap.read(Path(columns)))
-    check_choice(reader := reader or _format_of(paths[0]), "--reader", FORMATS)
+    reader = _format_of(paths[0])
     if reader == "webots":
         return _read_console(paths[0], name)
     by = rugbot_map() if reader == "rugbot" else ColumnMap(name=reader)

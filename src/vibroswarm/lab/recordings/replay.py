@@ -17,7 +17,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.rng import SEED_LIMIT
-from vibroswarm.errors import InputError, check_kind, nearest, whole_number_of
+from vibroswarm.errors import InputError, check_kind, whole_number_of
 from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, outcome_tables, with_shares
@@ -26,7 +26,7 @@ from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.observation.energy_model import model_of, readings_of
 from vibroswarm.result import Result
-from vibroswarm.scenario.scenario import Scenario, field_types, parse_setting
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import MAX_RUNS
 from vibroswarm.statistics.sampling import packet_loss
 from vibroswarm.strategies import strategy as strategy_of
@@ -255,26 +255,3 @@ def _session_outcomes(
             )
         )
     return outcomes
-
-
-def replayed_settings(settings: Sequence[str], gate: str | None = None) -> dict[str, Any]:
-    """Return the fields that a replay changes, by dotted name.
-
-    Args:
-        settings: texts FIELD=VALUE; a field may be named with or without its section. gate: of the decision.
-
-    Raises:
-        InputError: a replay cannot change the field, the name without a section fits fields of several sections, or
-            ``--set`` names a strategy, which ``--strategy`` does.
-    """
-    known = [
-        name for name in field_types() if name.partition(".")[0] in REPLAYABLE and name != "strategy.name"
-    ]
-    values: dict[str, Any] = {} if gate is None else {"decision.gate": gate}
-    for text in settings:
-        name, value = parse_setting(text)
-        matches = [field for field in known if name in (field, field.partition(".")[2])]
-        if len(matches) != 1:  # no field has this name, or fields of several sections have it
-            raise InputError(f"is not a field that a replay can change{nearest(name, known)}", field=name)
-        values[matches[0]] = value
-    return values
