@@ -105,8 +105,7 @@ def export(
     force: Force = False,
 ) -> None:
     """Write the tables of a result (run --out) or recording as CSV."""
-    from vibroswarm.lab.recordings.export import write_csv
-    from vibroswarm.lab.recordings.recording import read_result
+    from vibroswarm.lab.recordings.recording import read_result, write_csv
 
     write_csv(read_result(folder), out, replace=force)
     print_saved_file(out)

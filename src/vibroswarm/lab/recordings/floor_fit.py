@@ -12,6 +12,7 @@ often it was sampled, because neighbouring samples are not independent.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,6 +26,7 @@ from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 
+Tiles = NDArray[np.uint8]
 FLOORS: Final = 20_000
 """Number of random floors."""
 UNLIKELY: Final = 0.01
@@ -35,17 +37,17 @@ AGAINST: Final = 10.0
 """Another orientation is taken as the right one if its p-value is below ``LIKELY``, and smaller than that of the floor
 as given by more than the factor ``AGAINST``."""
 
-ORIENTATIONS: Final = (
-    "as it is",
-    "turned by 90 degrees anticlockwise",
-    "turned by 180 degrees",
-    "turned by 90 degrees clockwise",
-    "mirrored left to right",
-    "mirrored top to bottom",
-    "mirrored along the diagonal from the top left",
-    "mirrored along the diagonal from the top right",
-)
-"""Orientations of a floor that are compared, in words."""
+ORIENTATIONS: Final[dict[str, Callable[[Tiles], Tiles]]] = {
+    "as it is": lambda tiles: tiles,
+    "turned by 90 degrees anticlockwise": np.rot90,
+    "turned by 180 degrees": lambda tiles: np.rot90(tiles, 2),
+    "turned by 90 degrees clockwise": lambda tiles: np.rot90(tiles, 3),
+    "mirrored left to right": np.fliplr,
+    "mirrored top to bottom": np.flipud,
+    "mirrored along the diagonal from the top left": np.transpose,
+    "mirrored along the diagonal from the top right": lambda tiles: np.rot90(tiles, 2).T,
+}
+"""Orientations of a floor that are compared."""
 
 
 @dataclass(frozen=True)
@@ -60,19 +62,9 @@ class FloorFit:
     """p-value: probability that a random floor fits as well."""
 
 
-def turned(tiles: NDArray[np.uint8], orientation: str) -> NDArray[np.uint8]:
-    """Return the tiles rotated or mirrored as one of ``ORIENTATIONS`` says.
-
-    Args:
-        tiles: of a floor, (rows, columns).
-    Returns: the tiles, (rows, columns), or (columns, rows) after a quarter turn or a mirroring along a diagonal.
-    """
-    k = ORIENTATIONS.index(orientation)
-    if k < 4:  # the first four are rotations by k quarter turns
-        return np.rot90(tiles, k)
-    # The last four are mirrorings, in the order of ``ORIENTATIONS``.
-    mirrored = (np.fliplr(tiles), np.flipud(tiles), tiles.T, np.rot90(tiles, 2).T)
-    return mirrored[k - 4]
+def turned(tiles: Tiles, orientation: str) -> Tiles:
+    """Return the tiles of a floor, (rows, columns), rotated or mirrored as one of ``ORIENTATIONS`` says."""
+    return ORIENTATIONS[orientation](tiles)
 
 
 def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
@@ -99,8 +91,6 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
         return []
     mean = total[seen] / count[seen]
     fits = []
-    # Contrasts of random floors by their number of vibrating tiles among those sampled; orientations may share it.
-    random_contrasts: dict[int, Floats] = {}
     for orientation in ORIENTATIONS:
         tiles = turned(floor.tiles, orientation)
         if tiles.shape != floor.tiles.shape:
@@ -108,12 +98,9 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
         vibrates = tiles.ravel()[seen] == 1
         if not vibrates.any() or vibrates.all():
             continue
-        number = int(vibrates.sum())
-        if number not in random_contrasts:
-            random_contrasts[number] = _random_contrasts(mean, number)
         contrast = float(mean[vibrates].mean() - mean[~vibrates].mean())
         # Random floors that fit as well or better; equal contrasts may differ by rounding.
-        above = int((random_contrasts[number] >= contrast - 1e-12).sum())
+        above = int((_random_contrasts(mean, int(vibrates.sum())) >= contrast - 1e-12).sum())
         # The floor itself counts as one of the random floors, so that p is never 0.
         fits.append(FloorFit(orientation, contrast, probability=(above + 1) / (FLOORS + 1)))
     return sorted(fits, key=lambda fit: -fit.contrast)
@@ -155,7 +142,7 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
     if floor.is_changing:
         samples = samples.filter(pl.col("time_s") < floor.changes.time_s[0])
     fits = floor_fits(floor, samples)
-    as_given = next((fit for fit in fits if fit.orientation == ORIENTATIONS[0]), None)
+    as_given = next((fit for fit in fits if fit.orientation == "as it is"), None)
     if as_given is None:
         return "The fit of the floor is inconclusive: too few of its tiles were sampled, or they are of one kind."
     best = fits[0]

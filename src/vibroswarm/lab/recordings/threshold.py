@@ -27,7 +27,6 @@ from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError, check_kind
 from vibroswarm.floors.floor import Floor, refuse_changes, refuse_kinds
-from vibroswarm.lab.recordings.assemble_recording import inside
 from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.statistics.decidability import Decidability, decidability_of_share, observed_share
 from vibroswarm.statistics.intervals import Interval, bounded_mean, student_factor
@@ -54,16 +53,6 @@ def cluster_weights(seed: int, draw: int, stream: int, cluster: Ints) -> Floats:
     return np.bincount(resample(seed, draw, stream, clusters), minlength=clusters)[cluster].astype(float)
 
 
-def robot_and_tile_weights(seed: int, draw: int, robot: Ints, tile: Ints) -> Floats:
-    """Resample robots and tiles by themselves; return the product of how often those of each row were drawn, (rows,).
-
-    Args:
-        seed, draw: address of the random numbers. robot, tile: index of each row's robot and tile, from 0, (rows,).
-    """
-    of_robots = cluster_weights(seed, draw, stream=0, cluster=robot)
-    return of_robots * cluster_weights(seed, draw, stream=1, cluster=tile)
-
-
 def robot_clusters(samples: pl.DataFrame) -> Ints:
     """Return the index of each sample's cluster, from 0, (samples,); a cluster is a robot in one run.
 
@@ -82,16 +71,10 @@ _SEED: Final = 7
 
 
 class Rates(NamedTuple):
-    """Error rates of samples at a threshold; nan for a kind of tile without samples."""
+    """Shares of the samples that are read wrong; nan for a kind of tile without samples."""
 
     false_positive: float
-    """a: share of the samples on still tiles that read as vibrating."""
     false_negative: float
-    """b: share of the samples on vibrating tiles that read as still."""
-    still: int
-    """Number of samples on still tiles."""
-    vibrating: int
-    """Number of samples on vibrating tiles."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +115,6 @@ class Labelled:
     """Energy of the sample."""
     vibrating: Bools
     """Whether the tile below vibrates."""
-    edge_m: Floats
-    """Distance to the nearest tile of the other kind; inf if there is none."""
     tile: Ints
     """Index of the tile below."""
     session: Ints
@@ -157,10 +138,8 @@ def labelled(recording: Recording) -> Labelled:
     """
     check_kind(recording, Recording, "recording", "a Recording, as Recording.read() returns")
     key = ["run", "robot", "sample"]
-    frame = recording.motion.join(recording.rows.select(*key, "energy"), on=key, maintain_order="left").join(
-        recording.observations.select(*key, "tile"), on=key, maintain_order="left"
-    )
-    frame = frame.filter(pl.col("tile") >= 0)
+    tiles = recording.observations.select(*key, "tile")
+    frame = recording.rows.join(tiles, on=key, maintain_order="left").filter(pl.col("tile") >= 0)
     if frame["energy"].null_count():
         raise InputError("holds bits, of which there is no threshold", field="the recording")
     floor = recording.floor(int(recording.runs["run"][0]))  # all sessions have the same floor
@@ -170,11 +149,9 @@ def labelled(recording: Recording) -> Labelled:
     vibrating = floor.tiles.ravel()[tile] == 1
     if vibrating.all() or not vibrating.any():
         raise InputError("has samples on one kind of tile only; both are needed", field="the recording")
-    x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), recording.scenario.arena.size_m)
     return Labelled(
         energy=frame["energy"].to_numpy(),
         vibrating=vibrating,
-        edge_m=edge_distance(floor, x, y, vibrating)[0],  # without the index of the nearest tile
         tile=tile,
         session=frame["run"].cast(pl.Int64).to_numpy(),
         robot=frame["robot"].cast(pl.Int64).to_numpy(),
@@ -214,52 +191,34 @@ def _outside(places_m: Floats, begins_m: Floats, size_m: float) -> Floats:
     return np.maximum(np.maximum(before, -before - size_m), 0.0)
 
 
-def error_curves(energy: Floats, vibrating: Bools, weight: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute both error rates at one threshold above each distinct energy.
-
-    All thresholds between the same two energies have the same error rates, so one is enough. Thresholds below all
-    energies (a = 1, b = 0) are left out.
-
-    Args:
-        energy, vibrating, weight: energies of samples, whether their tiles vibrate, and their weights, (samples,) each;
-            both kinds of tile must have weight.
-    Returns: increasing thresholds, which lie half-way between neighbouring energies, the last one above all energies;
-        the rate of false positives a at each threshold, which never rises; and that of false negatives b, which never
-        falls; (thresholds,) each.
-    """
-    order = np.argsort(energy, kind="stable")
-    sorted_energy, kind, w = energy[order], vibrating[order], weight[order]
-    on_still, on_vibrating = np.where(kind, 0.0, w), np.where(kind, w, 0.0)
-    false_positive = 1.0 - np.cumsum(on_still) / on_still.sum()
-    false_negative = np.cumsum(on_vibrating) / on_vibrating.sum()
-    # The next larger energy; any larger number serves for the last, whose threshold only has to lie above it.
-    following = np.append(sorted_energy[1:], sorted_energy[-1] + 1.0)
-    is_last = following > sorted_energy  # only the last of equal energies is followed by a threshold
-    thresholds = (sorted_energy + following) / 2
-    return thresholds[is_last], false_positive[is_last], false_negative[is_last]
-
-
 def equal_error(energy: Floats, vibrating: Bools, weight: Floats) -> float:
     """Compute the threshold at which both error rates are equal, by linear interpolation between thresholds.
 
-    If b is at least a at the lowest threshold of ``error_curves`` already, the result is this threshold.
+    Thresholds lie half-way between neighbouring energies, the last one above all. If b is at least a at the lowest
+    already, it is the result.
 
     Args:
         energy, vibrating, weight: energies of samples, whether their tiles vibrate, and their weights, (samples,) each;
             both kinds of tile must have weight.
     """
-    thresholds, false_positive, false_negative = error_curves(energy, vibrating, weight)
+    order = np.argsort(energy, kind="stable")
+    sorted_energy, kind, w = energy[order], vibrating[order], weight[order]
+    # The next larger energy; any larger number serves for the last, whose threshold only has to lie above it.
+    following = np.append(sorted_energy[1:], sorted_energy[-1] + 1.0)
+    is_last = following > sorted_energy  # only the last of equal energies is followed by a threshold
+    thresholds = ((sorted_energy + following) / 2)[is_last]
+    on_still, on_vibrating = np.where(kind, 0.0, w), np.where(kind, w, 0.0)
+    false_positive = (1.0 - np.cumsum(on_still) / on_still.sum())[is_last]
+    false_negative = (np.cumsum(on_vibrating) / on_vibrating.sum())[is_last]
     # The first threshold at which b, which never falls, is not below a, which never rises. There is one, since at the
     # last threshold b is 1 and a is 0, but for rounding.
     k = int(np.argmax(false_negative >= false_positive))
     if k == 0:
         return float(thresholds[0])
-    # How far a lies above b at threshold k - 1, which is more than 0 (so 0.5 is never used), and b above a at threshold
-    # k.
+    # a lies above b at threshold k - 1, and b above a, or at it, at threshold k.
     before = false_positive[k - 1] - false_negative[k - 1]
     after = false_negative[k] - false_positive[k]
-    share = before / (before + after) if before + after > 0 else 0.5
-    return float(thresholds[k - 1] + share * (thresholds[k] - thresholds[k - 1]))
+    return float(thresholds[k - 1] + before / (before + after) * (thresholds[k] - thresholds[k - 1]))
 
 
 def find_threshold(recording: Recording, data: Labelled | None = None) -> Threshold:
@@ -311,7 +270,7 @@ def rates(data: Labelled, threshold: float, chosen: Bools | None = None) -> Rate
     """
     bits, counts = data.energy > threshold, np.ones(data.energy.size, np.bool_) if chosen is None else chosen
     still, vibrating = counts & ~data.vibrating, counts & data.vibrating
-    return Rates(share_of(bits, still), share_of(~bits, vibrating), int(still.sum()), int(vibrating.sum()))
+    return Rates(share_of(bits, still), share_of(~bits, vibrating))
 
 
 def share_of(is_wrong: Bools, samples: Bools) -> float:
@@ -332,7 +291,7 @@ def unseen_errors(recording: Recording, data: Labelled | None = None) -> pl.Data
         own = data.session == session
         if all(len(np.unique(data.vibrating[some])) == 2 for some in (own, ~own)):
             value = equal_error(data.energy[~own], data.vibrating[~own], np.ones(int((~own).sum())))
-            rows.append((int(session) + 1, value, *rates(data, value, own)[:2]))
+            rows.append((int(session) + 1, value, *rates(data, value, own)))
     names = ("session", "threshold", "false_positive", "false_negative")
     return pl.DataFrame(rows, schema=names, orient="row")
 
@@ -420,7 +379,11 @@ def _weights(data: Labelled) -> list[Floats]:
     """
     tile = np.unique(data.tile, return_inverse=True)[1]
     robot = robot_clusters(data.samples)
-    drawn = (robot_and_tile_weights(_SEED, draw, robot, tile) for draw in range(RESAMPLES))
+    drawn = (
+        cluster_weights(_SEED, draw, stream=0, cluster=robot)
+        * cluster_weights(_SEED, draw, stream=1, cluster=tile)
+        for draw in range(RESAMPLES)
+    )
     return [
         weights
         for weights in drawn
