@@ -34,8 +34,7 @@ def import_logs(
     acceleration: Annotated[
         list[Path] | None,
         Option(
-            "recorded acceleration, one CSV per session (robot,time_s,ax,ay,az): compute energies from it, and find "
-            "samples in it if the log has places only"
+            "recorded acceleration, one CSV per session (robot,time_s,ax,ay,az), from which energies are computed"
         ),
     ] = None,
     any_floor: Annotated[bool, Option("continue if the floor does not fit the logs")] = False,
@@ -135,8 +134,8 @@ def replay(
             "FROM",
         ),
     ] = None,
-    draws: Annotated[int, Option("draws of the lost packets")] = 200,
-    seed: Annotated[int, Option("seed of the draws", "S")] = 1,
+    draws: Annotated[int, Option("draws of the lost packets", low=1)] = 200,
+    seed: Annotated[int, Option("seed of the draws", "S", low=0)] = 1,
     json: Json = False,
 ) -> None:
     """Replay strategies on the energies of a recording: what each would have decided on these observations.

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.errors import InputError, number_of
+from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.outcomes import outcome_tables, with_shares
@@ -76,12 +76,7 @@ def recording_of(
     if not logs:
         raise InputError("give at least one log", field="LOG")
     names = _robots_of(logs)
-    inferred = infer_settings(
-        logs,
-        prior=(scenario.decision.prior_alpha, scenario.decision.prior_beta),
-        stop_s=_stop_s(scenario, stated, logs),
-    )
-    described, stated = _described(scenario, list(stated), logs, inferred, floor, robots=len(names))
+    described, inferred, all_stated = _described(scenario, stated, logs, floor, robots=len(names))
     sessions, about = zip(
         *(_session(run, log, names, described, floor) for run, log in enumerate(logs)), strict=True
     )
@@ -110,7 +105,7 @@ def recording_of(
         versions=versions(),
         names=names,
         sessions=about,
-        stated=tuple(stated),
+        stated=all_stated,
         inferred=tuple(setting._asdict() for setting in inferred),
         floor_words=floor_words,
     )
@@ -131,54 +126,38 @@ def _robots_of(logs: Sequence[Log]) -> tuple[int, ...]:
     return tuple(sorted(by_log[0]))
 
 
-def _stop_s(scenario: Scenario, stated: Sequence[str], logs: Sequence[Log]) -> float:
-    """Return the duration of a stop that the user or, failing that, the last log to do so states, s."""
-    name = "sample.stop_ms"
-    of_logs = [] if name in stated else [log.settings[name] for log in logs if name in log.settings]
-    return number_of([scenario[name], *of_logs][-1], name) / 1000.0
-
-
 def _described(
-    scenario: Scenario,
-    stated: list[str],
-    logs: Sequence[Log],
-    inferred: Sequence[Inferred],
-    floor: Floor,
-    robots: int,
-) -> tuple[Scenario, list[str]]:
-    """Return the scenario that describes the sessions, and the names of its stated fields.
+    scenario: Scenario, stated: Sequence[str], logs: Sequence[Log], floor: Floor, robots: int
+) -> tuple[Scenario, list[Inferred], tuple[str, ...]]:
+    """Return the scenario that describes the sessions, what was inferred from the logs, and the stated fields.
 
     A value that the user stated overrides one that a log states (of several logs, the last). Both override an inferred
-    value.
-    The floor, the number of robots and the end of the run are always those of the sessions.
-
-    Args:
-        scenario: with the values that the user stated. stated: names of these fields. logs: after ``in_order``.
-        inferred: settings inferred from the logs. floor: the floor of all sessions. robots: number of robots.
-    Raises:
-        InputError: the scenario refuses a value.
+    value. The floor, the number of robots and the end of the run are always those of the sessions.
     """
+    of_logs = {name: value for log in logs for name, value in log.settings.items() if name not in stated}
+    scenario = scenario.with_values(of_logs)
+    prior = scenario.decision.prior_alpha, scenario.decision.prior_beta
+    inferred = infer_settings(logs, prior, scenario.sample.stop_ms / 1000.0)
+    stated = (*stated, *of_logs, "swarm.robots")
     values: dict[str, Any] = {
         setting.name: setting.value
         for setting in inferred
         if setting.value is not None and setting.name not in stated
     }
-    values |= {name: value for log in logs for name, value in log.settings.items() if name not in stated}
-    end_s = max(_end_of(log) for log in logs)
+    end_s = float(np.ceil(max(_end_of(log) for log in logs)))
     values |= {
         "floor.source": floor.name or "floor",
         "floor.tiles": rows_of(floor.tiles),
         "floor.tile_width_m": floor.tile_width_m,
         "floor.tile_height_m": floor.tile_height_m,
         "swarm.robots": robots,
-        "run.t_end_s": float(np.ceil(end_s)),
+        "run.t_end_s": end_s,
         "run.stop": "t_end",
     }
     # The battery of a preset says nothing of these robots, and must last longer than a run.
-    if "robot.battery_life_s" not in [*stated, *values]:
-        values["robot.battery_life_s"] = max(scenario.robot.battery_life_s, float(np.ceil(end_s)) + 1.0)
-    from_log = [name for log in logs for name in log.settings]
-    return scenario.with_values(values), list(dict.fromkeys([*stated, *from_log, "swarm.robots"]))
+    if "robot.battery_life_s" not in stated:
+        values["robot.battery_life_s"] = max(scenario.robot.battery_life_s, end_s + 1.0)
+    return scenario.with_values(values), inferred, tuple(dict.fromkeys(stated))
 
 
 def _end_of(log: Log) -> float:

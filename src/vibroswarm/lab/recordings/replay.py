@@ -16,8 +16,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.rng import SEED_LIMIT
-from vibroswarm.errors import InputError, check_kind, whole_number_of
+from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, outcome_tables, with_shares
@@ -27,7 +26,6 @@ from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.observation.energy_model import model_of, readings_of
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import MAX_RUNS
 from vibroswarm.statistics.sampling import packet_loss
 from vibroswarm.strategies import strategy as strategy_of
 
@@ -55,14 +53,9 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         scenario: that of the recording, in which the sections ``REPLAYABLE`` may be changed; of the sensor, the bits
             depend on the threshold alone. seed: of the first draw; each further draw has the next seed.
     Raises:
-        InputError: ``draws`` is below 1, the seed of a draw is out of range, another section differs, the strategy
-            steers, or the sensor reads more than energies.
+        InputError: another section differs, the strategy steers, or the sensor reads more than energies.
         CodeError: the strategy is a user's, and did something that strategies may not do.
     """
-    check_kind(recording, Recording, "recording", "a Recording, as Recording.read() returns")
-    check_kind(scenario, Scenario, "scenario", "a Scenario")
-    draws = whole_number_of(draws, "draws", 1, MAX_RUNS)
-    seed = whole_number_of(seed, "seed", 0, SEED_LIMIT - draws)
     for section in type(scenario).model_fields:
         if section not in REPLAYABLE and getattr(scenario, section) != getattr(recording.scenario, section):
             raise InputError("cannot be changed in the replay of a recording", field=section)
@@ -165,7 +158,6 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
     Args:
         seed: of the random numbers of strategy and network.
     """
-    check_kind(recording, Recording, "recording", "a Recording, as Recording.read() returns")
     replayed = [
         infer(of_session, seed, motion, recording.observations.filter(run=run))
         for run, of_session, motion in _sessions(recording, recording.scenario)

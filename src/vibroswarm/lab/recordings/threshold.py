@@ -25,7 +25,7 @@ import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.rng import Purpose, uniforms
-from vibroswarm.errors import InputError, check_kind
+from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, refuse_changes, refuse_kinds
 from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.statistics.decidability import Decidability, decidability_of_share, observed_share
@@ -136,7 +136,6 @@ def labelled(recording: Recording) -> Labelled:
     Raises:
         InputError: all samples are on one kind of tile, or the floor has more than two.
     """
-    check_kind(recording, Recording, "recording", "a Recording, as Recording.read() returns")
     key = ["run", "robot", "sample"]
     tiles = recording.observations.select(*key, "tile")
     frame = recording.rows.join(tiles, on=key, maintain_order="left").filter(pl.col("tile") >= 0)
