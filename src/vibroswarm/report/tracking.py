@@ -7,8 +7,7 @@ from functools import partial
 import polars as pl
 
 from vibroswarm.core.numbers import count, number, percent
-from vibroswarm.lab.tracking.doubts import doubts_of, floor_errors
-from vibroswarm.lab.tracking.pictures import draw_time_line, draw_tracks
+from vibroswarm.lab.tracking.pictures import draw_tracks
 from vibroswarm.lab.tracking.track import TrackedLog, Tracking
 from vibroswarm.report.report import Figure, Report, Table, report
 
@@ -20,7 +19,7 @@ def of_tracking(tracking: Tracking, tracked: TrackedLog | None = None) -> Report
     Args:
         tracked: the robots' log with positions (``track.with_positions``); None without a log.
     """
-    camera, markers, gaps, doubts = tracking.camera, tracking.markers, tracking.gaps(), doubts_of(tracking)
+    camera, markers, gaps = tracking.camera, tracking.markers, tracking.gaps()
     robots, frames = list(markers.robots.values()), tracking.detections.time_s.size
     first_s, last_s = tracking.span_s
     of_robots = [
@@ -36,7 +35,7 @@ def of_tracking(tracking: Tracking, tracked: TrackedLog | None = None) -> Report
     answer = [
         f"{percent(tracking.share_found())} of positions found: {count(len(robots), 'robot')} in "
         f"{count(frames, 'frame')} ({number(last_s - first_s, 0)} s).",
-        f"{count(doubts.height, 'doubt')}, {count(gaps.height, 'gap')} of more than a second, "
+        f"{count(gaps.height, 'gap')} of more than a second, "
         f"{count(tracking.dropped.height, 'position')} dropped.",
     ]
     if tracked is not None:
@@ -50,17 +49,13 @@ def of_tracking(tracking: Tracking, tracked: TrackedLog | None = None) -> Report
         title=f"Tracking of {tracking.video.name}",
         answer=tuple(answer),
         parts={
-            "doubts": Table(doubts, "What is doubtful"),
             "tracks": Figure(
                 partial(draw_tracks, tracking.positions, tracking.stops, markers.floor),
                 "Where robots were seen",
             ),
-            "time_line": Figure(
-                partial(draw_time_line, robots, gaps, tracking.stops, tracking.span_s),
-                "When robots were seen",
-            ),
             "robots": Table(pl.DataFrame(of_robots), "Robots"),
-            "floor_markers": Table(floor_errors(tracking), "Markers of the floor", folded=True),
+            "gaps": Table(gaps, "When robots were not seen"),
+            "floor_markers": Table(tracking.floor_errors(), "Markers of the floor", folded=True),
         },
         setting=f"Camera {number(float(camera.position_m[2]), 2)} m above the floor, lens fitted to "
         f"{'a chessboard' if camera.calibrated else 'the markers in the video'}; corners of the floor's markers met to "

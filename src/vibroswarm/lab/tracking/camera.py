@@ -279,8 +279,8 @@ class _Seen:
         )
         return np.asarray(np.linalg.norm(after_m - before_m, axis=1))
 
-    def start(self, focal: float) -> Floats | None:
-        """Return parameters from which the fit starts, or None if no pose fits the floor's corners.
+    def start(self, focal: float) -> Floats:
+        """Return parameters from which the fit starts.
 
         Args:
             focal: focal length to start with, as a share of the image's width; not used if a lens is given.
@@ -297,7 +297,9 @@ class _Seen:
             self.floor_m, self.floor_px, matrix, distortion, flags=cv2.SOLVEPNP_SQPNP
         )
         if not solved or not np.isfinite([turn, shift]).all():
-            return None
+            raise InputError(
+                "the floor markers' places do not fit the picture; check their file", field="--markers"
+            )
         # Focal length, centre (2), k1 and k2; see the table of parameters.
         of_lens = [] if self.lens is not None else [np.log(focal), 0.0, 0.0, 0.0, 0.0]
         edge_px = 0.0
@@ -328,13 +330,9 @@ def fit_camera(
         camera_height_m: height of the lens above the floor, if it was measured.
         have_rims: whether the floor's markers have white rims; if not, places are less sure.
     Raises:
-        InputError: there are fewer than 4 floor corners, or no camera explains them: the fit failed, the camera is not
-            above the robots, or the floor's corners are off by more than 2 % of the image's width.
+        InputError: no camera explains the floor's corners: the fit failed, the camera is not above the robots, or
+            corners are off by more than 2 % of the image's width.
     """
-    if len(floor_m) < 4:
-        raise InputError(
-            "no marker of the floor was found in the video; at least one is needed", field="VIDEO"
-        )
     seen = _Seen(
         size_px=size_px,
         floor_m=floor_m,
@@ -348,12 +346,7 @@ def fit_camera(
     )
     # A lens that is given is not fitted, so one start is enough; its focal length is not used.
     focal_starts = FOCAL_STARTS if lens is None else (1.0,)
-    starts = [seen.start(focal) for focal in focal_starts]
-    fits = [seen.fitted(start) for start in starts if start is not None]
-    if not fits:
-        raise InputError(
-            "the floor markers' places do not fit the picture; check their file", field="--markers"
-        )
+    fits = [seen.fitted(seen.start(focal)) for focal in focal_starts]
     found = min(fits, key=lambda fit: float(fit.cost))
     camera = seen.camera(found.x)
     error_px = float(np.sqrt(np.mean(np.sum(seen.floor_errors(found.x, camera.lens) ** 2, axis=1))))

@@ -6,7 +6,7 @@ first frame, unless they are said to be on the robots' clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -21,12 +21,10 @@ from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.lab.recordings.log import SAMPLES, TRACKS, Log, log_frame
 from vibroswarm.lab.recordings.read_tables import files_of, read_rows
-from vibroswarm.lab.tracking import opencv
-from vibroswarm.lab.tracking.camera import Camera, Lens, fit_camera, square_of
+from vibroswarm.lab.tracking.camera import Camera, Lens, fit_camera, outwards, square_of
 from vibroswarm.lab.tracking.marker_detection import Detections, detect
-from vibroswarm.lab.tracking.markers import DICTIONARIES, Markers, dictionary_of
+from vibroswarm.lab.tracking.markers import Markers
 from vibroswarm.lab.tracking.stops import STOPS, ClockOffset, clock_offset, stops_of
-from vibroswarm.lab.tracking.video_file import Gray
 
 POSITIONS: Final = {
     "robot": pl.Int64, "time_s": pl.Float64, "x_m": pl.Float64, "y_m": pl.Float64, "heading_rad": pl.Float64,
@@ -37,6 +35,8 @@ GAP_S: Final = 1.0
 """Positions are not interpolated over longer gaps."""
 MOVED_PX: Final = 0.5
 """If the floor's markers move by more than this (``Detections.floor_spread``), the camera moves."""
+FLOOR_PX: Final = 1.0
+"""A floor marker with a larger error is not where the file has it."""
 SMALL_PX: Final = 20.0
 """A marker with a smaller edge is read badly."""
 PLACES_M: Final = 0.003
@@ -94,9 +94,22 @@ class Tracking:
         frames, robots = self.detections.corners_px.shape[:2]
         return float(self.positions.height / (frames * robots))
 
-    def camera_moves(self) -> bool:
-        """Return whether the floor's markers move in the picture."""
-        return self.detections.floor_spread[0] > MOVED_PX
+    def floor_errors(self) -> pl.DataFrame:
+        """Return each floor marker's place, and how well the camera meets its corners, root mean square, px.
+
+        Edges of seen corners are moved inwards, as blur and thresholds moved them outwards. The error of a marker that
+        was never seen is null.
+        """
+        errors = {}
+        for marker, corners in self.detections.floor_px.items():
+            seen = corners - self.camera.edge_px * outwards(corners[None])[0]
+            away = seen - self.camera.project(self.markers.floor_corners(marker))
+            errors[marker] = float(np.sqrt((away**2).sum(axis=1).mean()))
+        rows = [
+            (marker, x_m, y_m, errors.get(marker)) for marker, (x_m, y_m, _) in self.markers.floor.items()
+        ]
+        schema = {"marker": pl.Int64, **dict.fromkeys(("x_m", "y_m", "error_px"), pl.Float64)}
+        return pl.DataFrame(rows, schema=schema, orient="row")
 
     def warnings(self) -> list[str]:
         """Return sentences on what a user should know of this video, such as markers that are too small."""
@@ -116,12 +129,18 @@ class Tracking:
         ]
         if never:
             found.append(f"Never seen, or only at two places at once: robots {', '.join(map(str, never))}.")
-        if self.camera_moves():
-            moved_px, frame = self.detections.floor_spread
+        moved_px, frame = self.detections.floor_spread
+        if moved_px > MOVED_PX:
             found.append(
                 f"The floor's markers move in the picture (by {number(moved_px, 1)} px, most at "
                 f"{number(self.detections.time_s[frame], 1)} s): the camera moves, vibrates or was pushed, and "
                 "positions are off by as much; fix it to something that does not move."
+            )
+        is_off = pl.col("error_px").fill_null(np.inf) > FLOOR_PX
+        off = self.floor_errors().filter(is_off)["marker"].to_list()
+        if off:
+            found.append(
+                f"Markers of the floor not seen, or not where the file has them: {', '.join(map(str, off))}."
             )
         if self.camera.place_error_m > PLACES_M:
             found.append(
@@ -169,7 +188,8 @@ def track(
         if not is_there:
             raise InputError(
                 f"shows none of the {whose} markers {wanted} (dictionary {markers.dictionary}), or only at two places "
-                f"of a frame: {_why_none(seen.samples, markers)}",
+                f"of a frame; are they of this dictionary, not mirrored, at least {stated(SMALL_PX)} px wide, with a "
+                "white rim?",
                 field=str(video),
             )
     robots_px = seen.corners_px[is_seen]
@@ -237,26 +257,6 @@ def _robot_tables(
 def wrapped(angle_rad: Floats) -> Floats:
     """Return angles brought into the range from -pi to pi."""
     return np.asarray(np.angle(np.exp(1j * angle_rad)))
-
-
-def _why_none(frames: Sequence[Gray], markers: Markers) -> str:
-    """Return why frames show none of some markers, as far as they tell."""
-    seen = {name: _ids_in(frames, name) for name in DICTIONARIES}
-    best = max(
-        seen, key=lambda name: len(seen[name])
-    )  # of equally good ones the first, which is the smallest
-    if len(seen[best]) > 1 and not seen[best] <= seen[markers.dictionary]:
-        return f"its markers are of the dictionary {best} ({sorted(seen[best])[:12]})"
-    return (
-        f"it shows the markers {sorted(seen[markers.dictionary])[:12]}; are they in it, not mirrored, at least "
-        f"{stated(SMALL_PX)} px wide and with a white rim?"
-    )
-
-
-def _ids_in(frames: Sequence[Gray], dictionary: str) -> set[int]:
-    detector = opencv().aruco.ArucoDetector(dictionary_of(dictionary))
-    found = [detector.detectMarkers(np.ascontiguousarray(frame))[1] for frame in frames[::3]]
-    return {int(number) for ids in found if ids is not None for number in np.asarray(ids).ravel()}
 
 
 def too_fast(time_s: Floats, centre_m: Floats) -> Bools:
