@@ -108,7 +108,7 @@ def track(
     from vibroswarm.lab.recordings.assemble_recording import recording_of
     from vibroswarm.lab.recordings.read import CAMERA_LOG, camera_log_bytes
     from vibroswarm.lab.tracking import opencv
-    from vibroswarm.lab.tracking.track import with_positions, write_tables
+    from vibroswarm.lab.tracking.track import with_positions
     from vibroswarm.study.options import stated_fields
 
     opencv()  # raises an error before any work if the package is not installed
@@ -137,8 +137,8 @@ def track(
             recording = recording_of([tracked.log], floor, made, stated, any_floor=any_floor)
         recording.write_into(output.out)
         (output.out / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
-    write_tables(output.out, tracking)
-    deliver(tracking, output, tracked=tracked, is_result=True)
+    tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
+    deliver(tracking, output, tables, tracked=tracked, is_result=True)
 
 
 def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> pl.DataFrame | None:

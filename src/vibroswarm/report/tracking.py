@@ -33,17 +33,17 @@ def of_tracking(tracking: Tracking, tracked: TrackedLog | None = None) -> Report
         for robot, edge_px in zip(robots, tracking.detections.edge_px(), strict=True)
     ]
     answer = [
-        f"{percent(tracking.share_found())} of positions found: {count(len(robots), 'robot')} in "
+        f"{percent(tracking.positions.height / (frames * len(robots)))} of positions found: "
+        f"{count(len(robots), 'robot')} in "
         f"{count(frames, 'frame')} ({number(last_s - first_s, 0)} s).",
-        f"{count(gaps.height, 'gap')} of more than a second, "
-        f"{count(tracking.dropped.height, 'position')} dropped.",
+        f"{count(gaps.height, 'gap')} of more than a second, {count(tracking.dropped, 'position')} dropped.",
     ]
     if tracked is not None:
-        offset = tracked.offset
+        offset, samples = tracked.offset, tracked.log.samples.height + tracked.unseen
         answer.append(
             f"The robots' clock is {number(offset.offset_s, 3, sign=True)} s ahead of the video's (standard error "
-            f"{number(1000 * offset.error_s, 1)} ms); {offset.pairs} of {count(offset.samples, 'sample')} match a "
-            f"stop, {tracked.outside + tracked.unseen} have no position."
+            f"{number(1000 * offset.error_s, 1)} ms); {offset.pairs} of {count(samples, 'sample')} match a "
+            f"stop, {tracked.unseen} have no position."
         )
     return Report(
         title=f"Tracking of {tracking.video.name}",

@@ -389,19 +389,11 @@ def square_errors(corners_m: Floats, size_m: float) -> Floats:
     Args:
         corners_m: corners of each marker, (markers, 4, 2). size_m: edge of the squares.
     """
-    centre, along = square_of(corners_m)
-    return np.asarray(corners_m - centre[:, None] - square_corners(along, size_m))
-
-
-def square_corners(along_rad: Floats, size_m: float) -> Floats:
-    """Return the corners of squares with their centre at the origin, (markers, 4, 2), m.
-
-    Args:
-        along_rad: direction of each square's top edge from left to right, (markers,). size_m: of their edges.
-    """
+    centre, along_rad = square_of(corners_m)
     right = 0.5 * size_m * np.column_stack([np.cos(along_rad), np.sin(along_rad)])
     up = np.column_stack([-right[:, 1], right[:, 0]])
-    return np.stack([up - right, up + right, right - up, -up - right], axis=1)
+    squares = np.stack([up - right, up + right, right - up, -up - right], axis=1)
+    return np.asarray(corners_m - centre[:, None] - squares)
 
 
 def square_of(corners_m: Floats) -> tuple[Floats, Floats]:

@@ -135,22 +135,20 @@ def usual_markers(
             room for the floor's markers above them.
     """
     ids = list(range(robots)) if isinstance(robots, int) else list(robots)
-    if len(set(ids)) != len(ids) or not ids or min(ids) < 0:
-        raise InputError(f"{shown(ids)} must be different numbers from 0 on", field="--markers")
-    # Sizes of dictionaries in which the floor's markers, the last ones, are above all robots' markers.
-    counts = [count for count in (50, 100, 250, 1000) if max(ids) < count - FLOOR_MARKERS]
-    if not counts:
+    if len(set(ids)) != len(ids) or not ids or not 0 <= min(ids) <= max(ids) < 1000 - FLOOR_MARKERS:
         raise InputError(
-            f"{max(ids)} is too large; give numbers below {1000 - FLOOR_MARKERS}", field="--markers"
+            f"{shown(ids)} must be different numbers from 0 to {999 - FLOOR_MARKERS}", field="--markers"
         )
+    # The smallest dictionary in which the floor's markers, the last ones, are above all robots' markers.
+    most = next(count for count in (50, 100, 250, 1000) if max(ids) < count - FLOOR_MARKERS)
     left, right, low, high = -ASIDE_M, width_m + ASIDE_M, INWARD_M, height_m - INWARD_M
     places = ((left, low), (right, low), (right, high), (left, high))
     return Markers(
-        dictionary=f"4X4_{counts[0]}",
+        dictionary=f"4X4_{most}",
         robots={marker: robot for robot, marker in enumerate(ids)},
         size_m=size_mm / 1000,
         height_m=height_mm / 1000,
-        floor={counts[0] - FLOOR_MARKERS + k: (x, y, 0.0) for k, (x, y) in enumerate(places)},
+        floor={most - FLOOR_MARKERS + k: (x, y, 0.0) for k, (x, y) in enumerate(places)},
         floor_size_m=FLOOR_SIZE_MM / 1000,
     )
 

@@ -17,7 +17,6 @@ import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import number, stated
-from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.lab.recordings.log import SAMPLES, TRACKS, Log, log_frame
 from vibroswarm.lab.recordings.read_tables import files_of, read_rows
@@ -62,8 +61,8 @@ class Tracking:
     """``POSITIONS``."""
     stops: pl.DataFrame
     """``stops.STOPS``."""
-    dropped: pl.DataFrame
-    """The positions that were dropped as too fast, ``POSITIONS``."""
+    dropped: int
+    """Number of positions that were dropped as too fast."""
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -88,11 +87,6 @@ class Tracking:
         ]
         schema = {"robot": pl.Int64, "start_s": pl.Float64, "end_s": pl.Float64}
         return pl.DataFrame(rows, schema=schema, orient="row")
-
-    def share_found(self) -> float:
-        """Return the share of frames in which robots were found, averaged over robots."""
-        frames, robots = self.detections.corners_px.shape[:2]
-        return float(self.positions.height / (frames * robots))
 
     def floor_errors(self) -> pl.DataFrame:
         """Return each floor marker's place, and how well the camera meets its corners, root mean square, px.
@@ -218,20 +212,14 @@ def track(
 
 def _robot_tables(
     seen: Detections, is_seen: Bools, camera: Camera, markers: Markers
-) -> tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]:
-    """Return the robots' positions (``POSITIONS``), stops (``stops.STOPS``), and positions dropped as too fast.
-
-    Each table has the robots one after the other; robots that were never seen have no rows.
+) -> tuple[pl.DataFrame, pl.DataFrame, int]:
+    """Return the robots' positions (``POSITIONS``), stops (``stops.STOPS``), and how many positions are too fast.
 
     Args:
         is_seen: whether a robot's marker was seen, (frames, robots).
     """
     # Empty tables come first, so that no list is empty.
-    tables, stops, dropped = (
-        [pl.DataFrame(schema=POSITIONS)],
-        [pl.DataFrame(schema=STOPS)],
-        [pl.DataFrame(schema=POSITIONS)],
-    )
+    tables, stops, dropped = [pl.DataFrame(schema=POSITIONS)], [pl.DataFrame(schema=STOPS)], 0
     for i, name in enumerate(markers.robots.values()):
         own = seen.corners_px[is_seen[:, i], i]
         if not len(own):  # the robot was never seen
@@ -242,16 +230,15 @@ def _robot_tables(
         # direction from the marker's centre to its top, and ``forward_rad`` from that is the robot's heading.
         heading = wrapped(along + np.pi / 2 + markers.forward_rad)
         kept = ~too_fast(time_s, centre)
+        dropped += int((~kept).sum())
+        time_s, centre, heading = time_s[kept], centre[kept], heading[kept]
         columns = {
             "robot": np.full(time_s.size, name), "time_s": time_s, "x_m": centre[:, 0], "y_m": centre[:, 1],
             "heading_rad": heading,
         }  # fmt: skip
-        table = pl.DataFrame(columns, schema=POSITIONS)
-        tables.append(table.filter(pl.Series(kept)))
-        dropped.append(table.filter(pl.Series(~kept)))
-        time_s, centre, heading = time_s[kept], centre[kept], heading[kept]
+        tables.append(pl.DataFrame(columns, schema=POSITIONS))
         stops.append(stops_of(name, time_s, centre[:, 0], centre[:, 1], heading))
-    return pl.concat(tables), pl.concat(stops), pl.concat(dropped)
+    return pl.concat(tables), pl.concat(stops), dropped
 
 
 def wrapped(angle_rad: Floats) -> Floats:
@@ -302,10 +289,8 @@ class TrackedLog:
 
     log: Log
     offset: ClockOffset
-    outside: int
-    """Number of samples that are left out since they were taken before the video began or after it ended."""
     unseen: int
-    """Number of samples that are left out since they were taken in a gap of the tracking."""
+    """Number of samples that are left out since they were taken outside of the video or in a gap of the tracking."""
 
 
 def with_positions(
@@ -331,38 +316,32 @@ def with_positions(
             f"has robot {min(without_marker)}, which has no marker in the file of markers", field=name
         )
     offset = clock_offset(tracking.stops, samples, control_period_s)
-    first_s, last_s = tracking.span_s
-    outside, unseen, parts = 0, 0, []
+    parts = [samples.clear()]
     for robot in tracking.markers.robots.values():
-        own = samples.filter(pl.col("robot") == robot)
-        seen = tracking.positions.filter(pl.col("robot") == robot)
+        own, seen = samples.filter(robot=robot), tracking.positions.filter(robot=robot)
         time_s = own["time_s"].to_numpy() - offset.offset_s  # of samples, on the video's clock
-        during = (time_s >= first_s) & (time_s <= last_s)
-        outside += int((~during).sum())
         seen_s = seen["time_s"].to_numpy()
         if seen_s.size < 2:  # nothing can be interpolated
-            unseen += int(during.sum())
             continue
         # Index of the position after each sample. The limits keep the index valid for samples that are not located.
         after = np.clip(np.searchsorted(seen_s, time_s), 1, seen_s.size - 1)
         in_no_gap = seen_s[after] - seen_s[after - 1] <= GAP_S
         is_located = (time_s >= seen_s[0]) & (time_s <= seen_s[-1]) & in_no_gap
-        unseen += int((during & ~is_located).sum())
         heading = np.unwrap(seen["heading_rad"].to_numpy())
         parts.append(
             own.with_columns(
                 x_m=pl.Series(np.interp(time_s, seen_s, seen["x_m"].to_numpy())),
                 y_m=pl.Series(np.interp(time_s, seen_s, seen["y_m"].to_numpy())),
                 heading_rad=pl.Series(wrapped(np.interp(time_s, seen_s, heading))),
-            ).filter(pl.Series(during & is_located))
+            ).filter(pl.Series(is_located))
         )
-    if not parts or sum(part.height for part in parts) == 0:
+    located = pl.concat(parts).sort("time_s", "robot")
+    if located.is_empty():
         raise InputError("none of its samples has a position in the video", field=name)
     # ``line`` is the number of a row in the log's file. Positions by the camera are not in this file: their line is 0.
     tracks = tracking.positions.with_columns(
         pl.col("time_s") + offset.offset_s, line=pl.lit(0, dtype=pl.UInt32)
     ).filter(pl.col("time_s") >= 0.0)
-    located = pl.concat(parts).sort("time_s", "robot")
     log = Log(
         name=Path(name).name,
         reader="camera",
@@ -370,17 +349,4 @@ def with_positions(
         tracks=tracks.sort("time_s", "robot").select(TRACKS),
         counts={"rows": samples.height},
     )
-    return TrackedLog(log, offset, outside=outside, unseen=unseen)
-
-
-def write_tables(folder: Path, tracking: Tracking) -> None:
-    """Write positions, stops and gaps as CSV, rounded to 6 decimals (micrometres and microseconds).
-
-    The positions are also written unrounded, as Parquet.
-    """
-    from polars.selectors import float as float_columns
-
-    tracking.positions.write_parquet(folder / "positions.parquet")
-    tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
-    for name, table in tables.items():
-        (folder / f"{name}.csv").write_bytes(csv_bytes(table.with_columns(float_columns().round(6))))
+    return TrackedLog(log, offset, unseen=samples.height - located.height)
