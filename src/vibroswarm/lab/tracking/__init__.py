@@ -20,7 +20,7 @@ def opencv() -> Any:
     messages takes precedence.
 
     Raises:
-        InputError: OpenCV is not installed, or older than version 5.
+        InputError: OpenCV is not installed.
     """
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's level "quiet"
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
@@ -30,9 +30,4 @@ def opencv() -> Any:
         raise InputError(
             "needs OpenCV; install it with: pip install 'vibroswarm[video]'", field="video"
         ) from None
-    if int(cv2.__version__.split(".")[0]) < 5:
-        raise InputError(
-            f"needs OpenCV 5 or later, not {cv2.__version__}; pip install -U 'vibroswarm[video]'",
-            field="video",
-        )
     return cv2

@@ -130,17 +130,16 @@ def detect(
         InputError: the file is no video or has no frames; or it ends early, or does not state its number of frames, and
             ``partial`` is false.
     """
-    info = video_info(path)
-    search = _Search(markers, info.size_px)
-    times = []
+    size_px, _, frames = video_info(path)
+    search, times = _Search(markers, size_px), []
     for k, (time_s, picture) in enumerate(frames_of(path, partial=partial)):
         search.look_at(k, picture)
         times.append(time_s)
         if progress is not None:
-            progress(k + 1, max(info.frames, k + 1))  # the header of the video may state too few frames
+            progress(k + 1, max(frames, k + 1))  # the header of the video may state too few frames
     search.finish(k, picture)
     return Detections(
-        size_px=info.size_px,
+        size_px=size_px,
         time_s=np.array(times),
         corners_px=np.stack([_followed(_without_spare(places)) for places in search.places], axis=1),
         floor_seen={marker: seen for marker, seen in search.floor.items() if seen},

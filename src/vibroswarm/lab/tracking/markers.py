@@ -48,15 +48,8 @@ APRILTAG_0: Final = 0xD5D628584
 """The 36 small squares of the first marker of 36h11 as AprilTag's own pictures have it, row by row; 1: white."""
 SIZE_MM: Final = 22.0
 """Default edge of a robot's marker."""
-HEIGHT_MM: Final = 30.0
-"""Default height of a robot's marker above the floor."""
 FLOOR_SIZE_MM: Final = 50.0
 """Default edge of a floor marker."""
-ASIDE_M: Final = 0.055
-"""Default distance of the centres of floor markers from the arena, outwards: from its left or right side for the four
-near its corners, from its lower or upper end for those between two cameras."""
-INWARD_M: Final = 0.04
-"""Default distance, in y, of the centres of the four from the lower or upper end of the arena, inwards."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +114,7 @@ def usual_markers(
     height_m: float,
     *,
     size_mm: float = SIZE_MM,
-    height_mm: float = HEIGHT_MM,
+    height_mm: float = 30.0,
 ) -> Markers:
     """Return the default markers for an arena, from the smallest dictionary of 4 by 4 squares that has enough.
 
@@ -141,7 +134,8 @@ def usual_markers(
         )
     # The smallest dictionary in which the floor's markers, the last ones, are above all robots' markers.
     most = next(count for count in (50, 100, 250, 1000) if max(ids) < count - FLOOR_MARKERS)
-    left, right, low, high = -ASIDE_M, width_m + ASIDE_M, INWARD_M, height_m - INWARD_M
+    # Centres are 55 mm outside of the arena's left or right side, 40 mm above its lower or below its upper one.
+    left, right, low, high = -0.055, width_m + 0.055, 0.04, height_m - 0.04
     places = ((left, low), (right, low), (right, high), (left, high))
     return Markers(
         dictionary=f"4X4_{most}",

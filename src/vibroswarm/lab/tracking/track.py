@@ -76,13 +76,10 @@ class Tracking:
             one gap, the whole video.
         """
         first_s, last_s = self.span_s
-        own = {
-            robot: self.positions.filter(pl.col("robot") == robot) for robot in self.markers.robots.values()
-        }
         rows = [
             (robot, start_s, end_s)
-            for robot, positions in own.items()
-            for start_s, end_s in pairwise([first_s, *positions["time_s"].to_list(), last_s])
+            for robot in self.markers.robots.values()
+            for start_s, end_s in pairwise([first_s, *self.positions.filter(robot=robot)["time_s"], last_s])
             if end_s - start_s > GAP_S
         ]
         schema = {"robot": pl.Int64, "start_s": pl.Float64, "end_s": pl.Float64}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,16 +24,6 @@ MISSING_FRAMES: Final = 2
 """The head of an intact file may state a frame or two too many; if more are missing, the video was cut off."""
 LARGEST_BYTES: Final = 2**40
 """Size limit of a video."""
-
-
-class VideoInfo(NamedTuple):
-    """What a video's head states, and the size of its frames as they are shown."""
-
-    size_px: tuple[int, int]
-    """Width and height."""
-    frames_per_s: float
-    frames: int
-    """Number of frames; 0 if the head states none."""
 
 
 @contextmanager
@@ -55,8 +45,8 @@ def _opened(path: Path) -> Iterator[Any]:
         capture.release()
 
 
-def video_info(path: Path) -> VideoInfo:
-    """Return what the head of a video states.
+def video_info(path: Path) -> tuple[tuple[int, int], float, int]:
+    """Return width and height of a video, px, frames per second, and the number of frames (0: its head states none).
 
     Raises:
         InputError: it is no video, has no frames, or a size or rate that is not usable.
@@ -73,8 +63,7 @@ def video_info(path: Path) -> VideoInfo:
         raise InputError(
             f"is not a usable video: {width} x {height} px at {rate:g} frames/s", field=str(path)
         )
-    # A damaged head may give a negative number of frames; 0 means that the number is not known.
-    return VideoInfo((width, height), rate, max(int(frames), 0))
+    return (width, height), rate, max(int(frames), 0)  # a damaged head may give a negative number
 
 
 def frames_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, Gray]]:
@@ -86,11 +75,11 @@ def frames_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, Gra
         InputError: see ``video_info``; or after the last frame, more than ``MISSING_FRAMES`` are missing.
     """
     cv2 = opencv()
-    info = video_info(path)
-    if info.frames == 0 and not partial:
+    _, rate, frames = video_info(path)
+    if frames == 0 and not partial:
         raise InputError(
             "states neither its length nor its number of frames: its head is damaged, or it was cut off. Times are "
-            f"then a guess ({info.frames_per_s:g} frames/s); copy it again, or add --partial to use it as it is",
+            f"then a guess ({rate:g} frames/s); copy it again, or add --partial to use it as it is",
             field=str(path),
         )
     # ``last_s`` is the time of the frame before; it is below 0 before the first frame, whose time is 0.
@@ -102,14 +91,14 @@ def frames_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, Gra
                 first_s = time_s
             time_s -= first_s
             if time_s <= last_s:  # some files have no times of frames: they are computed from the rate
-                time_s = last_s + 1.0 / info.frames_per_s
+                time_s = last_s + 1.0 / rate
             last_s = time_s
             count += 1
             frame = picture[1]
             yield time_s, np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)) if frame.ndim == 3 else frame
-    if not partial and count < info.frames - MISSING_FRAMES:
+    if not partial and count < frames - MISSING_FRAMES:
         raise InputError(
-            f"ends after {count} of {info.frames} frames ({last_s:.1f} s): it is truncated or damaged; copy it again, "
+            f"ends after {count} of {frames} frames ({last_s:.1f} s): it is truncated or damaged; copy it again, "
             "or add --partial to use what is there (also if the camera left out frames: MKV, WebM and TS state a "
             "length, from which their number of frames is computed)",
             field=str(path),
