@@ -286,24 +286,20 @@ class _Seen:
             focal: focal length to start with, as a share of the image's width; not used if a lens is given.
         """
         cv2 = opencv()
-        width, height = self.size_px
-        if self.lens is not None:
-            matrix, distortion = self.lens.matrix, self.lens.distortion
-        else:  # the lens has its centre in the middle of the image, and no distortion
-            middle = (np.array([width, height]) - 1) / 2
-            matrix, distortion = matrix_of(focal * width, middle), np.zeros(5)
+        # Focal length, centre (2), k1 and k2; see the table of parameters.
+        of_lens = [] if self.lens is not None else [np.log(focal), 0.0, 0.0, 0.0, 0.0]
+        at = np.array([*np.zeros(6), *of_lens, 0.0])
+        lens = self.camera(at).lens
         # IPPE, for points in a plane, finds wrong poses from exactly above.
         solved, turn, shift = cv2.solvePnP(
-            self.floor_m, self.floor_px, matrix, distortion, flags=cv2.SOLVEPNP_SQPNP
+            self.floor_m, self.floor_px, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_SQPNP
         )
         if not solved or not np.isfinite([turn, shift]).all():
             raise InputError(
                 "the floor markers' places do not fit the picture; check their file", field="--markers"
             )
-        # Focal length, centre (2), k1 and k2; see the table of parameters.
-        of_lens = [] if self.lens is not None else [np.log(focal), 0.0, 0.0, 0.0, 0.0]
-        edge_px = 0.0
-        return np.concatenate([turn.ravel(), shift.ravel(), of_lens, [edge_px]])
+        at[:6] = np.concatenate([turn, shift]).ravel()
+        return at
 
 
 @with_one_blas_thread
