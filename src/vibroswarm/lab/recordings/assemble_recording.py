@@ -326,27 +326,16 @@ def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.D
 
     A bit that is not logged is computed as E > theta_E.
     """
-    x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), scenario.arena.size_m)
+    # Positions on a wall, to which cameras clip markers, are moved a nanometre inside, so that they lie on a tile.
+    x, y = (
+        np.where(np.abs(at - whole) < EDGE_M, whole - EDGE_M, np.where(np.abs(at) < EDGE_M, EDGE_M, at))
+        for at, whole in zip(frame.select("x_m", "y_m").to_numpy().T, scenario.arena.size_m, strict=True)
+    )
     read = (frame["energy"] > scenario.sensor.rms_threshold).cast(pl.Int64)
     tile = pl.Series(floor.tile_at(x, y))
     return in_schema(
         frame.with_columns(tile=tile, observation=pl.coalesce("observation", read)), OBSERVATIONS
     )
-
-
-def inside(x_m: Any, y_m: Any, size_m: tuple[float, float]) -> tuple[Any, Any]:
-    """Move positions on a wall a nanometre inside, so that they lie on a tile; return x and y, m.
-
-    Logs have such positions, since the camera clips a marker to the arena, and so has a raster that begins at an edge.
-
-    Args:
-        x_m, y_m: positions, m, arrays of the same shape. size_m: distance between the walls along x and along y.
-    """
-    x, y = (
-        np.where(np.abs(at - whole) < EDGE_M, whole - EDGE_M, np.where(np.abs(at) < EDGE_M, EDGE_M, at))
-        for at, whole in zip((x_m, y_m), size_m, strict=True)
-    )
-    return x, y
 
 
 def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:

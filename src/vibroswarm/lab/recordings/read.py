@@ -23,7 +23,6 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.lab.recordings.log import SAMPLES, Log, log_frame, log_of
 from vibroswarm.lab.recordings.read_tables import (
@@ -32,6 +31,7 @@ from vibroswarm.lab.recordings.read_tables import (
     converted,
     files_of,
     header_of,
+    read_model,
     read_rows,
     text_of,
 )
@@ -69,7 +69,7 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
     paths = files_of(path, CAMERA_LOG)
     name = path.resolve().name
     if columns is not None:
-        return _read_table(paths, name, ColumnMap.read(Path(columns)))
+        return _read_table(paths, name, read_model(ColumnMap, Path(columns), "a column map"))
     reader = _format_of(paths[0])
     if reader == "webots":
         return _read_console(paths[0], name)
@@ -80,7 +80,8 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
 @cache
 def rugbot_map() -> ColumnMap:
     """Return the column map of the study's robots."""
-    return ColumnMap.read(Path(str(files("vibroswarm.lab.recordings").joinpath("formats/rugbot.toml"))))
+    path = Path(str(files("vibroswarm.lab.recordings").joinpath("formats/rugbot.toml")))
+    return read_model(ColumnMap, path, "a column map")
 
 
 def _format_of(path: Path) -> str:
@@ -144,13 +145,8 @@ def _settings(text: str) -> dict[str, Any]:
     }
 
 
-def camera_log_bytes(log: Log) -> bytes:
-    """Return the log of a tracked session as CSV, in the order of time.
-
-    Rows with an energy are samples, all others are tracked positions. Times, places and headings are rounded to six
-    decimals (s, m, rad).
-    """
+def camera_frame(log: Log) -> pl.DataFrame:
+    """Return the log of a tracked session as a table, by time: rows with an energy are samples, others positions."""
     rows = pl.concat([log_frame(log.tracks), log.samples]).select(CAMERA_COLUMNS)
     # The sort is stable: a sample stays behind a position of the same time.
-    rows = rows.sort("time_s", "robot", maintain_order=True)
-    return csv_bytes(rows.with_columns(pl.col("time_s", "x_m", "y_m", "heading_rad").round(6)))
+    return rows.sort("time_s", "robot", maintain_order=True)

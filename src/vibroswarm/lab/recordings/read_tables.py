@@ -29,7 +29,7 @@ import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple, TypeVar
 
 import polars as pl
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -49,10 +49,10 @@ UNITS: Final = (
 ACCELERATIONS: Final = ("ax", "ay", "az")
 """Columns whose unit is not in their name; it is that of the file, unless the file's column says another."""
 _PREAMBLE: Final = re.compile(
-    r"""\A(?:\s*(?:#[^\r\n]*|"?sep=.?"?[ \t]*)[\r\n]++(?!\s*[\d.+-]))+""", re.ASCII | re.IGNORECASE
+    r"""(?:\s*(?:#[^\r\n]*|"?sep=.?"?[ \t]*)[\r\n]++(?!\s*[\d.+-]))*+\s*""", re.ASCII | re.IGNORECASE
 )
-"""Lines before the header: comments, and the separator as spreadsheets write it. A comment directly above numbers is
-none: it is the header."""
+"""Lines before the header: blanks, comments, and the separator as spreadsheets write it. A comment directly above
+numbers is the header."""
 _TIMESTAMP: Final = r"^\s*\d{4}-\d\d-\d\d[T ]"
 
 
@@ -101,19 +101,22 @@ class ColumnMap(BaseModel):
     ] = {}
     settings: dict[str, Any] = {}
 
-    @classmethod
-    def read(cls, path: Path) -> ColumnMap:
-        """Read a column map.
 
-        Raises:
-            InputError: it is no TOML, or a key or value is wrong.
-        """
-        values = parsed_toml(read_text(path, "a column map"), str(path))
-        try:
-            return cls.model_validate({"name": path.name} | values)
-        except ValidationError as error:
-            first = error.errors()[0]
-            raise InputError(first["msg"], field=f"{path}, {'.'.join(map(str, first['loc']))}") from None
+M = TypeVar("M", bound=BaseModel)
+
+
+def read_model(model: type[M], path: Path, what: str) -> M:
+    """Read a model from a TOML file; ``what`` names the kind of file, for errors.
+
+    Raises:
+        InputError: it is no TOML, or a key or value is wrong.
+    """
+    values = parsed_toml(read_text(path, what), str(path))
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(first["msg"], field=f"{path}, {'.'.join(map(str, first['loc']))}") from None
 
 
 class Read(NamedTuple):
@@ -234,8 +237,7 @@ def _natural(name: str) -> list[tuple[int, int, str]]:
 def _cells_of(path: Path) -> pl.DataFrame:
     """Return the cells of a file as texts, with ``file``, its path, and ``line``; without rows of blanks."""
     text = text_of(path)
-    before = match[0] if (match := _PREAMBLE.match(text)) else ""
-    before += re.match(r"\s*", text[len(before) :])[0]  # type: ignore[index]
+    before = _PREAMBLE.match(text)[0]  # type: ignore[index]
     body = text[len(before) :]
     head = body.split("\n", 1)[0]
     separator = max(",;\t", key=head.count)

@@ -120,14 +120,9 @@ class Labelled:
     session: Ints
     """Number of the run."""
     robot: Ints
-    """Number of the robot, from 0."""
+    """Index of the robot, from 0; it is another one in each session."""
     fill_ratio: float
     """Fill ratio of the floor."""
-
-    @property
-    def samples(self) -> pl.DataFrame:
-        """Run and robot of each sample."""
-        return pl.DataFrame({"run": self.session, "robot": self.robot})
 
 
 def labelled(recording: Recording) -> Labelled:
@@ -153,7 +148,7 @@ def labelled(recording: Recording) -> Labelled:
         vibrating=vibrating,
         tile=tile,
         session=frame["run"].cast(pl.Int64).to_numpy(),
-        robot=frame["robot"].cast(pl.Int64).to_numpy(),
+        robot=robot_clusters(frame),
         fill_ratio=floor.fill_ratio_within(*recording.scenario.arena.size_m),
     )
 
@@ -170,18 +165,11 @@ def edge_distance(floor: Floor, x_m: Floats, y_m: Floats, vibrating: Bools) -> t
     # Lower left corners of the tiles, which are numbered row by row from the top.
     row, column = np.divmod(np.arange(rows * columns), columns)
     left_m, bottom_m = left + column * width, bottom + (rows - 1 - row) * height
-    distance_m, tile = np.full(x_m.shape, np.inf), np.full(x_m.shape, -1)
-    for kind in (False, True):
-        tiles = np.flatnonzero((floor.tiles.ravel() != 0) == kind)
-        places = np.flatnonzero(vibrating != kind)
-        if not tiles.size or not places.size:
-            continue
-        dx = _outside(x_m[places], left_m[tiles], width)
-        dy = _outside(y_m[places], bottom_m[tiles], height)
-        away_m = np.hypot(dx, dy)
-        tile[places] = tiles[away_m.argmin(axis=1)]
-        distance_m[places] = away_m.min(axis=1)
-    return distance_m, tile
+    dx, dy = _outside(x_m, left_m, width), _outside(y_m, bottom_m, height)
+    is_other = vibrating[:, None] != (floor.tiles.ravel() != 0)
+    away_m = np.where(is_other, np.hypot(dx, dy), np.inf)  # (places, tiles)
+    distance_m = away_m.min(axis=1)
+    return distance_m, np.where(np.isfinite(distance_m), away_m.argmin(axis=1), -1)
 
 
 def _outside(places_m: Floats, begins_m: Floats, size_m: float) -> Floats:
@@ -356,10 +344,12 @@ def _decidable(data: Labelled, bits: Bools, errors: Rates, recording: Recording)
             false_negative=errors.false_negative,
         )
     )
-    robot, tile = robot_clusters(data.samples), np.unique(data.tile, return_inverse=True)[1]
+    tile = np.unique(data.tile, return_inverse=True)[1]
     visited = np.bincount(tile)
     apart = (bits - (np.bincount(tile, bits) / visited)[tile]) / (visited[tile] * visited.size)
-    by_robot = np.bincount(robot, apart)  # what each adds to the share of ones, beyond the share of its tiles
+    by_robot = np.bincount(
+        data.robot, apart
+    )  # what each adds to the share of ones, beyond the share of its tiles
     n = by_robot.size
     error = student_factor(n, 0.95) * math.sqrt(n / (n - 1) * float(by_robot @ by_robot)) if n > 1 else 0.0
     if error > 0.0:
@@ -377,9 +367,8 @@ def _weights(data: Labelled) -> list[Floats]:
     left out, since one error rate is then undefined.
     """
     tile = np.unique(data.tile, return_inverse=True)[1]
-    robot = robot_clusters(data.samples)
     drawn = (
-        cluster_weights(_SEED, draw, stream=0, cluster=robot)
+        cluster_weights(_SEED, draw, stream=0, cluster=data.robot)
         * cluster_weights(_SEED, draw, stream=1, cluster=tile)
         for draw in range(RESAMPLES)
     )

@@ -26,11 +26,11 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice, shown
+from vibroswarm.lab.recordings.read_tables import read_model
 from vibroswarm.lab.tracking import opencv
 
 DICTIONARIES: Final = {
@@ -199,12 +199,7 @@ def read_markers(path: Path) -> Markers:
     Raises:
         InputError: it is not such a file; the message names the key that is wrong.
     """
-    values = parsed_toml(read_text(path, "a file of markers", most=2**20), str(path))
-    try:
-        file = _File.model_validate(values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(first["msg"], field=f"{path}, {'.'.join(map(str, first['loc']))}") from None
+    file = read_model(_File, path, "a file of markers")
     check_choice(file.dictionary, f"{path}, dictionary", DICTIONARIES)
     ids, robots, floor = file.robots.ids, file.robots, file.floor
     carried = dict(ids) if isinstance(ids, dict) else {marker: robot for robot, marker in enumerate(ids)}
