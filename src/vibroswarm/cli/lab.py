@@ -14,7 +14,7 @@ from vibroswarm.cli.inspection import size
 from vibroswarm.cli.option_values import refuse
 from vibroswarm.cli.options import Drawn, Force, Json, OutFile, Required, ScenarioOptions
 from vibroswarm.cli.out_folder import claim
-from vibroswarm.cli.scenario_options import keywords_of, scenario_from, scenario_named
+from vibroswarm.cli.scenario_options import keywords_of, scenario_from
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, write_file
 from vibroswarm.errors import check_choice, named
@@ -179,10 +179,6 @@ def threshold(
             "--scenario (takes a minute)",
         ),
     ] = None,
-    base: Annotated[
-        str | None,
-        Option("preset or scenario file for the other fields of files (default: those of the recording)"),
-    ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -199,12 +195,14 @@ def threshold(
     from vibroswarm.lab.recordings.recording import Recording
     from vibroswarm.lab.recordings.threshold import recommend
 
-    _check_scenario_files(out, law, base, force=force)
+    refuse(law and law == out, "--law", "is also the file of --out; the law's scenario has the threshold too")
+    for path in (out, law):
+        if path is not None and not force:
+            check_free(path)
     recording = Recording.read(folder)
-    scenario = recording.scenario if base is None else scenario_named(base)
     found = recommend(recording, at)
     written = round(found.chosen.value, found.chosen.decimals)
-    scenario = scenario.with_values({"sensor.rms_threshold": written})
+    scenario = recording.scenario.with_values({"sensor.rms_threshold": written})
     if law is not None:
         fitted = law_of_recordings([recording])
         write_law(fitted, scenario, law, replace=force)
@@ -218,14 +216,6 @@ def threshold(
         f"law of the sensor with its error; vibroswarm inspect ... --laws {quote(str(law))}",
         as_json=json,
     )
-
-
-def _check_scenario_files(out: Path | None, law: Path | None, base: str | None, *, force: bool) -> None:
-    refuse(base and not out and not law, "--base", "has no effect without --out FILE or --law FILE")
-    refuse(law and law == out, "--law", "is also the file of --out; the law's scenario has the threshold too")
-    for path in (out, law):
-        if path is not None and not force:
-            check_free(path)
 
 
 def spectrum(

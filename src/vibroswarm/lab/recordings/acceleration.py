@@ -181,7 +181,8 @@ def computed(log: Log, path: Path, program: SenseProgram) -> Computed:
     gravity = gravity_in(windows)
     if not gravity.is_there:  # along the axis that is shaken most
         axis = strongest_axis(windows)
-        windows = [_along(one[:, axis]) for one in windows]
+        shaken = [one[:, axis] - one[:, axis].mean() for one in windows]
+        windows = [np.outer(one + GRAVITY["m/s2"], (0.0, 0.0, 1.0)) for one in shaken]
     energies = np.array([chain_energy(one, program) for one in windows])
     words = (
         f"{log.name}: {samples.height} energies computed from {path} ({readings(program)} readings at "
@@ -198,12 +199,6 @@ def computed(log: Log, path: Path, program: SenseProgram) -> Computed:
         words += f"; {count(found.missing, 'reading')} missing"
     ordered = samples.with_columns(energy=pl.Series(energies)).sort("time_s", "robot", maintain_order=True)
     return Computed(replace(log, samples=ordered), words)
-
-
-def _along(values: Floats) -> Floats:
-    """Return readings of an axis without gravity as readings, (readings, 3), with gravity along this axis."""
-    zeros = np.zeros_like(values)
-    return np.column_stack([zeros, zeros, values - values.mean() + GRAVITY["m/s2"]])
 
 
 def _windows(

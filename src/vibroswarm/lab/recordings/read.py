@@ -28,9 +28,9 @@ from vibroswarm.lab.recordings.log import SAMPLES, Log, log_frame, log_of
 from vibroswarm.lab.recordings.read_tables import (
     Column,
     ColumnMap,
+    cells_of,
     converted,
     files_of,
-    header_of,
     read_model,
     read_rows,
     text_of,
@@ -88,7 +88,7 @@ def _format_of(path: Path) -> str:
     """Return the format of a file: of the study's robots it has five columns, of which some may lack."""
     if any(line.startswith("1,") and line.count(",") == CELLS - 1 for line in text_of(path).splitlines()):
         return "webots"
-    header = header_of(path)
+    header = cells_of(path).columns[2:]
     if len({column.name for column in rugbot_map().columns.values()}.intersection(header)) >= 5:
         return "rugbot"
     return "camera" if tuple(header) == CAMERA_COLUMNS else "table"

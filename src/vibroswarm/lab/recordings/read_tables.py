@@ -144,7 +144,7 @@ def read_rows(paths: Sequence[Path], schema: Schema, by: ColumnMap | None = None
         InputError: a file is no table, lacks a column, or has a cell that is not allowed; the error names the row.
     """
     by = by or ColumnMap()
-    cells = pl.concat([_cells_of(path) for path in paths], how="diagonal")
+    cells = pl.concat([cells_of(path) for path in paths], how="diagonal")
     return converted(cells, _columns_of(cells.columns, schema, by, paths[0]), schema, by.missing)
 
 
@@ -185,11 +185,6 @@ def converted(
     whole = rows.drop_nulls([use for use, one in schema.items() if one.required and use in rows.columns])
     unread = cells.drop("file", "line", *{column.name for column in columns.values()})
     return Read(whole, columns, robots, has_timestamps, rows.height - whole.height, unread)
-
-
-def header_of(path: Path) -> list[str]:
-    """Return the names of the columns of a file."""
-    return _cells_of(path).columns[2:]
 
 
 def text_of(path: Path) -> str:
@@ -234,7 +229,7 @@ def _natural(name: str) -> list[tuple[int, int, str]]:
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
 
 
-def _cells_of(path: Path) -> pl.DataFrame:
+def cells_of(path: Path) -> pl.DataFrame:
     """Return the cells of a file as texts, with ``file``, its path, and ``line``; without rows of blanks."""
     text = text_of(path)
     before = _PREAMBLE.match(text)[0]  # type: ignore[index]

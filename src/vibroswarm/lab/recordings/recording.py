@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import check_free, make_folder, whole_file
+from vibroswarm.core.atomic_io import make_folder, whole_file
 from vibroswarm.core.folders import kind_of, read_manifest
 from vibroswarm.core.tables import Schema, csv_bytes, parquet_bytes, read_table
 from vibroswarm.errors import InputError
@@ -164,23 +164,16 @@ def read_result(folder: str | Path) -> Result:
 
 
 def write_csv(result: Result, folder: str | Path, *, replace: bool = False) -> None:
-    """Write every table of a result, with all runs, as a CSV file in a folder.
-
-    The tables are those of ``result.TABLES``, so the additional tables of a recording are not written.
+    """Write every table of ``result.TABLES``, with all runs, as a CSV file in a folder.
 
     Args:
         replace: whether existing files may be replaced.
     Raises:
-        InputError: ``folder`` is a file or cannot be created, or no file in it; or one of the files exists and
-            ``replace`` is false (in this case no file is written).
-        RunError: the disk is full or failed.
+        InputError: ``folder`` cannot be created, or one of the files exists and ``replace`` is false.
     """
     folder = Path(folder)
     make_folder(folder)
     frames = {f"{name}.csv": getattr(result, name) for name in TABLES if getattr(result, name) is not None}
-    if not replace:
-        for name in frames:
-            check_free(folder / name)  # all of them before the first is written
     for name, frame in frames.items():
         with whole_file(folder / name, replace=replace) as part:
             part.write_bytes(csv_bytes(frame))  # no table of a result has nested values

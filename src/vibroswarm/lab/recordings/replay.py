@@ -38,8 +38,6 @@ class Replayed:
     """Many draws of the replay of one scenario on a recording."""
 
     scenario: Scenario
-    draws: int
-    """Number of draws."""
     robots: pl.DataFrame
     """``draw`` and the columns ``outcomes.ROBOTS``: one row per draw, session and robot."""
     runs: pl.DataFrame
@@ -88,7 +86,7 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         table.select(pl.Series("draw", number.repeat(table.height // draws)), *columns)
         for table, columns in ((robots, ROBOTS), (runs.with_columns(stopped_early=False), RUNS))
     )
-    return Replayed(scenario, draws, robots, runs)
+    return Replayed(scenario, robots, runs)
 
 
 def _sessions(recording: Recording, scenario: Scenario) -> Iterator[tuple[int, Scenario, Motion]]:
@@ -176,8 +174,6 @@ class SessionOutcome:
 
     session: int
     """From 1."""
-    strategy: str
-    """Name of the strategy."""
     consensus: dict[str, float]
     """Share of the draws with each consensus; empty if decisions are not logged."""
     decision_time_s: float | None
@@ -193,51 +189,38 @@ class SessionOutcome:
     """Mean over draws and robots; None if no decision is right, or beliefs are not known."""
 
 
-def session_outcomes(recording: Recording, replayed: Replayed) -> list[SessionOutcome]:
-    """Summarise a replay: the outcome of each session over the draws, in the order of sessions."""
-    return _session_outcomes(recording, replayed.robots, replayed.runs, replayed.scenario.strategy.name)
-
-
 def logged_outcomes(recording: Recording) -> list[SessionOutcome]:
     """Summarise the robots' own decisions as if they were a replay of a single draw."""
     number = pl.lit(0, dtype=pl.UInt32).alias("draw")
     robots, runs = recording.robots.select(number, *ROBOTS), recording.runs.select(number, *RUNS)
-    return _session_outcomes(recording, robots, runs, recording.scenario.strategy.name)
+    return session_outcomes(recording, Replayed(recording.scenario, robots, runs))
 
 
-def _session_outcomes(
-    recording: Recording, robots: pl.DataFrame, runs: pl.DataFrame, strategy: str
-) -> list[SessionOutcome]:
-    """Summarise the decisions of each session over all draws, in the order of sessions.
+def session_outcomes(recording: Recording, replayed: Replayed) -> list[SessionOutcome]:
+    """Summarise a replay: the outcome of each session over the draws, in the order of sessions.
 
-    If the decision of any robot of a session is not logged, the outcome has neither decision times nor a share of
-    undecided robots, and no consensus either, since that of the run is null then. In decision times, robots without
-    samples and without a decision do not count.
-
-    Args:
-        robots, runs: tables of the robots and of the runs of all draws, with the column ``draw``.
-        strategy: name of the strategy, copied to the outcomes.
+    Robots without samples and without a decision do not count in decision times.
     """
     # A robot that never decides counts with the time of its last sample.
     last = recording.motion.group_by("run", "robot").agg(pl.col("time_s").max().alias("last_s"))
-    timed = robots.join(last, on=["run", "robot"], how="left").with_columns(
+    timed = replayed.robots.join(last, on=["run", "robot"], how="left").with_columns(
         time_s=pl.coalesce("decision_time_s", "last_s")
     )
     outcomes = []
     for run in recording.runs["run"].to_list():
-        own, of_run = timed.filter(pl.col("run") == run), runs.filter(pl.col("run") == run)
+        own = timed.filter(run=run)
         is_known = own["decision"].null_count() == 0
         # Mean decision time over robots, one value per draw, in the order of draws: a sum depends on the order.
-        known = own if is_known else own.clear()
-        by_draw = known.group_by("draw", maintain_order=True).agg(pl.col("time_s").mean())
+        by_draw = own.filter(is_known).group_by("draw", maintain_order=True).agg(pl.col("time_s").mean())
         means_s = by_draw["time_s"].drop_nulls().to_numpy()
-        counted = of_run["consensus"].drop_nulls().cast(pl.String).value_counts(normalize=True)
-        shares = counted.sort("proportion", "consensus", descending=[True, False])
+        consensus = replayed.runs.filter(run=run)["consensus"].drop_nulls().cast(pl.String)
+        shares = consensus.value_counts(normalize=True).sort(
+            "proportion", "consensus", descending=[True, False]
+        )
         belief = own["belief_in_truth"].drop_nulls().to_numpy()
         outcomes.append(
             SessionOutcome(
                 session=run + 1,
-                strategy=strategy,
                 consensus={str(name): float(share) for name, share in shares.iter_rows()},
                 decision_time_s=float(means_s.mean()) if means_s.size else None,
                 decision_time_low_s=float(np.quantile(means_s, 0.05)) if means_s.size else None,

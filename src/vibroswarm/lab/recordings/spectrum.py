@@ -44,8 +44,6 @@ from vibroswarm.lab.recordings.threshold import resample
 from vibroswarm.robot.features import alias_hz
 
 Group = Literal["robot", "tile", "time"]
-M_S2: Final = {unit: GRAVITY["m/s2"] / gravity for unit, gravity in GRAVITY.items()}
-"""Units of acceleration."""
 LONGEST_STOP: Final = 20
 """Longer stretches, in samples, are not stops."""
 SLOWEST_HZ: Final = 10.0
@@ -145,7 +143,7 @@ def spectra_of(
             (place) and sample.
         rate_hz: readings per second; None: as the times say. signal_ms: the part of each stop that is used, its end.
         stop_s: length of the pieces into which a recording without pauses is cut; None: it is not.
-        unit: of the acceleration, one of ``M_S2``, unless the names of the columns say it.
+        unit: of the acceleration, one of ``acceleration.GRAVITY``, unless the names of the columns say it.
         axis: what spectra are of; None: the magnitude, or the axis that is shaken most if gravity is not in the
             readings.
         by: groups of samples that get spectra of their own, beside all. size_m, tiles: width and height of the surface,
@@ -159,15 +157,16 @@ def spectra_of(
     values = np.array([sample.select(ACCELERATIONS).to_numpy() for sample in samples])
     gravity = gravity_in(list(values), unit)
     known_unit = gravity.unit == unit
-    readings = values * (M_S2[unit] if known_unit else 1.0)  # (samples, readings, 3)
+    readings = values * (GRAVITY["m/s2"] / GRAVITY[unit] if known_unit else 1.0)  # (samples, readings, 3)
     of_axis: str = axis or (
         "magnitude" if gravity.is_there else ACCELERATIONS[strongest_axis(list(values))][1:]
     )
     hz, powers = periodograms(_signals(readings, of_axis), rate_hz)
     across_hz = _lines_across(readings, rate_hz) if of_axis == "magnitude" else ()
-    groups = [("all", "", np.arange(len(samples)))]
-    for group in by:
-        groups += [(group, name, rows) for name, rows in _groups(samples, group, size_m, tiles, path)]
+    groups = [
+        ("all", "", np.arange(len(samples))),
+        *((group, *named) for group in by for named in _groups(samples, group, size_m, tiles, path)),
+    ]
     found = tuple(
         Spectrum(
             group, name, rows.size, powers[rows].mean(axis=0), _lines(hz, powers[rows], rate_hz, across_hz)
