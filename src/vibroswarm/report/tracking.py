@@ -21,7 +21,6 @@ def of_tracking(tracking: Tracking, tracked: TrackedLog | None = None) -> Report
     """
     camera, markers, gaps = tracking.camera, tracking.markers, tracking.gaps()
     robots, frames = list(markers.robots.values()), tracking.detections.time_s.size
-    first_s, last_s = tracking.span_s
     of_robots = [
         {
             "robot": robot,
@@ -35,7 +34,7 @@ def of_tracking(tracking: Tracking, tracked: TrackedLog | None = None) -> Report
     answer = [
         f"{percent(tracking.positions.height / (frames * len(robots)))} of positions found: "
         f"{count(len(robots), 'robot')} in "
-        f"{count(frames, 'frame')} ({number(last_s - first_s, 0)} s).",
+        f"{count(frames, 'frame')} ({number(float(tracking.detections.time_s[-1]), 0)} s).",
         f"{count(gaps.height, 'gap')} of more than a second, {count(tracking.dropped, 'position')} dropped.",
     ]
     if tracked is not None:

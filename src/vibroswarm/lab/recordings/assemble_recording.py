@@ -179,8 +179,9 @@ def _session(
     paths = []
     for k in range(len(names)):
         samples, track, seen = (table.filter(robot=k) for table in (frame, tracks, camera))
-        paths.append(_path(run, k, samples, track, seen, log))
-    poses, ends = zip(*paths, strict=True)
+        paths.append(_poses_of(run, k, _knots_of(track, seen, samples), samples))
+    poses = pl.concat(paths)
+    ends = poses.unique("robot", keep="last", maintain_order=True).with_columns(end_s=_end_of(log))
     # The latest position of the robot that a camera saw at the time of each sample; null: there is none.
     latest = camera.select("robot", "time_s", tracked_s="time_s").sort("time_s")
     rows = frame.join_asof(latest, on="time_s", by="robot", check_sortedness=False)
@@ -188,8 +189,8 @@ def _session(
     observations = _observations(frame, scenario, floor)
     tables = {
         "motion": in_schema(frame, MOTION),
-        "ends": pl.concat(ends),
-        "poses": pl.concat(poses).cast(pl.Schema(POSES)),
+        "ends": in_schema(ends, ENDS),
+        "poses": poses.cast(pl.Schema(POSES)),
         "observations": observations,
         "inference": in_schema(frame, INFERENCE),
         "rows": in_schema(rows, ROWS),
@@ -254,16 +255,6 @@ def _own_places(frame: pl.DataFrame) -> pl.DataFrame:
         **own, heading_rad=pl.col("heading_rad").fill_null(0.0)
     )
     return in_schema(known, PLACES)
-
-
-def _path(
-    run: int, robot: int, samples: pl.DataFrame, track: pl.DataFrame, seen: pl.DataFrame, log: Log
-) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the poses of one robot in a session, and its final one, a row of the table of ends."""
-    knots = _knots_of(track, seen, samples)
-    poses = _poses_of(run, robot, knots, samples)
-    last = poses.select("run", "robot", "heading_rad").tail(1).hstack(knots.select("x_m", "y_m").tail(1))
-    return poses, in_schema(last.with_columns(end_s=pl.lit(_end_of(log))), ENDS)
 
 
 def _knots_of(track: pl.DataFrame, seen: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import polars as pl
@@ -97,10 +97,10 @@ def _sessions(recording: Recording, scenario: Scenario) -> Iterator[tuple[int, S
     for run, share in shares_lost(recording).items():
         of_run = pl.col("run") == run
         motion = Motion(recording.motion.filter(of_run), recording.ends.filter(of_run))
-        values: dict[str, Any] = {}
-        if share is not None:
-            values = {"network.name": "loss", "network.loss.share": min(max(share, 0.0), 1.0)}
-        yield run, scenario.with_values(values), motion
+        loss = (
+            {} if share is None else {"network.name": "loss", "network.loss.share": min(max(share, 0.0), 1.0)}
+        )
+        yield run, scenario.with_values(loss), motion
 
 
 def shares_lost(recording: Recording) -> dict[int, float | None]:
@@ -140,11 +140,11 @@ def replay_strategies(
     recording: Recording, scenario: Scenario, names: Sequence[str], draws: int = 200, seed: int = 1
 ) -> Replays:
     """Replay each of some strategies as ``replay_recording`` does; the scenario's own strategy does not matter."""
-    found = {
+    by_strategy = {
         name: replay_recording(recording, scenario.with_values({"strategy.name": name}), draws, seed)
         for name in names
     }
-    return Replays(recording, found, draws, seed)
+    return Replays(recording, by_strategy, draws, seed)
 
 
 def with_beliefs(recording: Recording, seed: int = 0) -> Result:

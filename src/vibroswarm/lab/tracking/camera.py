@@ -149,17 +149,14 @@ def lens_from_chessboard(path: Path, squares: tuple[int, int]) -> tuple[Lens, tu
             # Corners are refined up to 40 times, or until they move by less than 1e-3 px.
             end = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
             # A corner is refined in the pixels up to 5 px away from it; -1: none of them are left out.
-            refined = cv2.cornerSubPix(frame, corners, winSize=(5, 5), zeroZone=(-1, -1), criteria=end)
-            views.append(refined)
+            views.append(cv2.cornerSubPix(frame, corners, winSize=(5, 5), zeroZone=(-1, -1), criteria=end))
     if len(views) < 6:
         raise InputError(
             f"shows a chessboard of {squares[0]} x {squares[1]} inner corners in {len(views)} frames; hold it before "
             "the camera, tilted in all directions, in at least 6",
             field=str(path),
         )
-    step = max(len(views) // BOARD_VIEWS, 1)
-    # As ``step`` is rounded down, more than ``BOARD_VIEWS`` may be left; then the last ones are cut off.
-    chosen = views[::step][:BOARD_VIEWS]
+    chosen = views[:: max(len(views) // BOARD_VIEWS, 1)][:BOARD_VIEWS]
     # The corners on the board, (corners, 3), in squares: their size does not change the lens.
     board = np.zeros((squares[0] * squares[1], 3), dtype=np.float32)
     board[:, :2] = np.mgrid[0 : squares[0], 0 : squares[1]].T.reshape(-1, 2)

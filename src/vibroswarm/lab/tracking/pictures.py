@@ -43,13 +43,11 @@ def draw_tracks(
         names.append(f"robot {own['robot'][0]}")
     markers_m = np.array([[x, y] for x, y, _ in floor_markers.values()]).reshape(-1, 2)
     marks = {"stop": stops.select("x_m", "y_m").to_numpy(), "marker of the floor": markers_m}
-    for (name, at), shape in zip(marks.items(), ("o", "s"), strict=True):
-        if len(at):
-            handles += axes.plot(*at.T, ls="", marker=shape, ms=0.8 * sizes.marker_pt, color=INK, mfc="none")
-            names.append(name)
-    margin_m = 0.03
+    for at, shape in zip(marks.values(), ("o", "s"), strict=True):
+        handles += axes.plot(*at.T, ls="", marker=shape, ms=0.8 * sizes.marker_pt, color=INK, mfc="none")
+    names += marks
     places = np.concatenate([positions.select("x_m", "y_m").to_numpy(), *marks.values()])
-    low, high = places.min(axis=0) - margin_m, places.max(axis=0) + margin_m
+    low, high = places.min(axis=0) - 0.03, places.max(axis=0) + 0.03
     axes.set(xlabel="x (m)", ylabel="y (m)", xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     legend_below(figure, sizes, handles, names)
     to_scale(figure, sizes, [axes], float((high - low)[1] / (high - low)[0]))

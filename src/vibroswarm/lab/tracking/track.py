@@ -64,18 +64,13 @@ class Tracking:
     dropped: int
     """Number of positions that were dropped as too fast."""
 
-    @property
-    def span_s(self) -> tuple[float, float]:
-        """Times of the first and the last frame."""
-        return float(self.detections.time_s[0]), float(self.detections.time_s[-1])
-
     def gaps(self) -> pl.DataFrame:
         """Return the gaps of more than ``GAP_S`` in which robots were not seen, also at both ends of the video.
 
         Returns: robot, start_s, end_s of each gap, in the order of robots and times. A robot that was never seen has
             one gap, the whole video.
         """
-        first_s, last_s = self.span_s
+        first_s, last_s = self.detections.time_s[[0, -1]].tolist()
         rows = [
             (robot, start_s, end_s)
             for robot in self.markers.robots.values()
