@@ -1,12 +1,8 @@
 """Recorded acceleration, and the energies of a session computed from it by the robot's own chain (``robot.sensing``).
 
-A file has the columns ``robot`` as in the log, ``time_s`` by the log's clock, and ``ax``, ``ay``, ``az``, or one of
-them, in the unit of the energies (or in m/s^2, if their names have a unit). A row is one reading of the accelerometer.
 The energy of a sample is computed from the last N readings of its robot up to the time of the sample, which must be
-evenly spaced at the rate of the sensing chain. N is the number of readings in the time that the chain takes for one.
-
-The chain measures the magnitude, in which gravity makes vibration along it linear. Without gravity in the readings, as
-of phones, of ROS logs and of sensors that are AC-coupled, gravity is added to the axis that is shaken most.
+evenly spaced at the rate of the sensing chain. The chain measures the magnitude, in which gravity makes vibration along
+it linear. Without gravity in the readings, gravity is added to the axis that is shaken most.
 """
 
 from __future__ import annotations
@@ -63,7 +59,6 @@ class Acceleration(NamedTuple):
     in_m_s2: bool
     """Whether the names of the columns have a unit."""
     missing: int
-    """Readings that are missing."""
 
 
 def read_acceleration(path: Path, rate_hz: float | None = None) -> Acceleration:
@@ -73,8 +68,6 @@ def read_acceleration(path: Path, rate_hz: float | None = None) -> Acceleration:
 
     Args:
         rate_hz: readings per second, from which times are computed where readings have equal times; None: unknown.
-    Raises:
-        InputError: a column is missing, a cell is no number, or times do not rise; the error names the row.
     """
     read = read_rows(files_of(path), _SCHEMA)
     axes = tuple(axis for axis in ACCELERATIONS if axis in read.columns)
@@ -123,11 +116,7 @@ class Gravity(NamedTuple):
 
 
 def gravity_in(samples: Sequence[Floats], unit: str = "m/s2") -> Gravity:
-    """Return whether gravity is in the readings of samples, (readings, 3) each.
-
-    Args:
-        unit: the one that is stated; readings without gravity are taken to have it.
-    """
+    """Return whether gravity is in the readings of samples, (readings, 3) each; without it they have ``unit``."""
     steady = float(np.median([np.linalg.norm(one.mean(axis=0)) for one in samples]))
     shaken = float(np.median([np.sqrt(one.var(axis=0).sum()) for one in samples]))
     for name in (unit, *GRAVITY):
@@ -153,14 +142,7 @@ class Computed(NamedTuple):
 def with_energies(
     logs: Sequence[Log], scenario: Scenario, files: Sequence[Path] | None
 ) -> tuple[list[Log], list[str]]:
-    """Replace the energies of logs by those computed from recorded acceleration.
-
-    Args:
-        files: the files of acceleration, one for each log in the same order; None to return the logs unchanged.
-    Returns: the changed logs, and for each a sentence; without files, the list of sentences is empty.
-    Raises:
-        InputError: another number of files, timestamps, or see ``computed``.
-    """
+    """Replace the energies of logs by those of recorded acceleration, a file for each log; say how."""
     if files is None:
         return list(logs), []
     if len(files) != len(logs):
@@ -204,11 +186,7 @@ def computed(log: Log, path: Path, program: SenseProgram) -> Computed:
 def _windows(
     samples: pl.DataFrame, rows: pl.DataFrame, path: Path, program: SenseProgram
 ) -> Iterator[Floats]:
-    """Yield the readings, (readings, 3), from which a robot computed the energy of each sample.
-
-    Raises:
-        InputError: too few readings, another rate than the chain's, a gap, or readings of an earlier stop.
-    """
+    """Yield the readings, (readings, 3), from which a robot computed the energy of each sample."""
     count, signal_s = readings(program), program.signal_ms / 1000.0
     by_robot = {
         robot: (own["time_s"].to_numpy(), own.select(ACCELERATIONS).to_numpy())
@@ -234,12 +212,7 @@ def _windows(
 
 
 def chain_energy(acceleration: Floats, program: SenseProgram) -> float:
-    """Compute the energy of one sample by the robot's sensing chain.
-
-    Args:
-        acceleration: ax, ay, az of the readings of one stop, in the order of time, (readings, 3).
-        program: settings of the sensing chain.
-    """
+    """Compute the energy of one sample by the robot's sensing chain; acceleration is (readings, 3)."""
     # The function without Numba, since compiling it takes longer than thousands of calls.
     step: Any = getattr(sense_step, "py_func", sense_step)
     state = SenseState(magnitude=0.0, filtered=0.0, squares=0.0, taken=0)  # before the first reading

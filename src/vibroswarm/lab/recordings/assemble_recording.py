@@ -1,8 +1,7 @@
 """Make a recording from the logs of sessions: its tables, its settings, and what is inferred from the logs.
 
-Between known positions a robot's path is taken as a straight line; the table of poses has those
-positions. The heading at one is the direction of the line that begins there, since most logs have no headings. It is
-not known whether a robot turned or avoided between two positions, so every kind is ``drive``, except for stops.
+Between known positions a robot's path is a straight line, on which the heading is its direction. It is not known
+whether a robot turned or avoided between two positions, so every kind is ``drive``, except for stops.
 """
 
 from __future__ import annotations
@@ -65,13 +64,8 @@ def recording_of(
     """Make a recording from logs of sessions of the same robots on one floor; run 0 is the first log.
 
     Args:
-        logs: as their readers returned them. floor: the floor of all sessions.
-        scenario: a preset, in which the fields that the user knows of these sessions are set.
-        stated: names of the fields of ``scenario`` that the user set; their values override inferred values.
+        scenario: a preset, in which the fields ``stated`` of these sessions are set; they override inferred values.
         any_floor: whether to accept a floor that does not fit the energies.
-    Raises:
-        InputError: no log, a log without samples, logs of different robots, a setting of a log that the scenario
-            refuses, or a floor that does not fit.
     """
     if not logs:
         raise InputError("give at least one log", field="LOG")
@@ -129,11 +123,7 @@ def _robots_of(logs: Sequence[Log]) -> tuple[int, ...]:
 def _described(
     scenario: Scenario, stated: Sequence[str], logs: Sequence[Log], floor: Floor, robots: int
 ) -> tuple[Scenario, list[Inferred], tuple[str, ...]]:
-    """Return the scenario that describes the sessions, what was inferred from the logs, and the stated fields.
-
-    A value that the user stated overrides one that a log states (of several logs, the last). Both override an inferred
-    value. The floor, the number of robots and the end of the run are always those of the sessions.
-    """
+    """User's values override those of logs (of several, the last); both override inferred ones."""
     of_logs = {name: value for log in logs for name, value in log.settings.items() if name not in stated}
     scenario = scenario.with_values(of_logs)
     prior = scenario.decision.prior_alpha, scenario.decision.prior_beta
@@ -215,11 +205,7 @@ def _session(
 
 
 def _with_intervals(frame: pl.DataFrame, usual_stop_s: float) -> pl.DataFrame:
-    """Add the number of each sample, its stop, the avoidance since the sample before, and the samples lost before it.
-
-    Args:
-        frame: samples of a session, by time. usual_stop_s: duration of a stop that is not logged.
-    """
+    """Add the number of each sample, its stop, the avoidance since the one before, and the samples lost."""
     # The number of a sample is that of the messages sent before it, or if that is not logged, of the rows before it.
     rows_before = pl.int_range(pl.len(), dtype=pl.Int64).over("robot")
     frame = frame.with_columns(sample=pl.coalesce("sent", rows_before).cast(pl.UInt32))
@@ -258,10 +244,7 @@ def _own_places(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 def _knots_of(track: pl.DataFrame, seen: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """Return the known positions of one robot: time_s, x_m, y_m, by time.
-
-    They are those of a camera; without one also those of its samples, at the start and at the end of each stop.
-    """
+    """The positions of a camera; without one also those of samples, at the start and at the end of each stop."""
     names = ["time_s", "x_m", "y_m"]
     if seen.height:
         return seen.select(names)
@@ -275,10 +258,8 @@ def _knots_of(track: pl.DataFrame, seen: pl.DataFrame, samples: pl.DataFrame) ->
 
 
 def _poses_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """Return the table of poses of one robot, at its known positions.
-
-    Until the time of its first position the robot stands there. The kind is "stop" if the middle of the time to the
-    next position lies between the start of a stop and the sample at the end of this stop; otherwise it is "drive".
+    """Until the time of its first position the robot stands there. The kind is "stop" if the middle of the time to the
+    next position lies between the start of a stop and the sample at its end.
     """
     time, x, y = (knots[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
     if time[0] > 0.0:
@@ -302,10 +283,7 @@ def _poses_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame) 
 
 
 def _courses(x: Floats, y: Floats) -> Floats:
-    """Return the heading from each position to the next, rad, (positions,).
-
-    A standing robot has the heading of its latest move; before its first one that of this move, or 0 without any.
-    """
+    """A standing robot has the heading of its latest move; before its first one that of this move, or 0."""
     dx, dy = np.diff(x), np.diff(y)
     moves = np.hypot(dx, dy) >= STANDING_M
     heading = pl.Series(np.append(np.where(moves, np.arctan2(dy, dx), np.nan), np.nan)).fill_nan(None)
@@ -313,10 +291,7 @@ def _courses(x: Floats, y: Floats) -> Floats:
 
 
 def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.DataFrame:
-    """Return the table of observations: for each sample the tile below (-1: none), its energy and its bit.
-
-    A bit that is not logged is computed as E > theta_E.
-    """
+    """A bit that is not logged is computed as E > theta_E."""
     # Positions on a wall, to which cameras clip markers, are moved a nanometre inside, so that they lie on a tile.
     x, y = (
         np.where(np.abs(at - whole) < EDGE_M, whole - EDGE_M, np.where(np.abs(at) < EDGE_M, EDGE_M, at))
@@ -330,11 +305,9 @@ def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.D
 
 
 def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
-    """Return the final state of each robot of a session, ``inference.agents.FINALS``.
-
-    The decision time of a robot that ends with a decision is that of the first sample after which its decision does not
-    change any more; its ``belief_below`` is the belief there, as in the result of a simulation. The number of samples
-    includes those whose rows were lost.
+    """The decision time of a robot that ends with a decision is that of the first sample after which its decision
+    does not change any more; its ``belief_below`` is the belief there. The number of samples includes those whose
+    rows were lost.
     """
     decision = pl.col("decision")
     logged = frame.with_columns(final=decision.last().over("robot")).filter(
@@ -359,14 +332,8 @@ def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
 def _outcomes(
     scenario: Scenario, floors: Mapping[int, Floor], finals: pl.DataFrame, ends: pl.DataFrame
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Compute the tables of robots and of runs of a recording from the final states of the robots.
-
-    If the decision of any robot of a run is not logged, the run's consensus and its numbers of right, wrong and
+    """If the decision of any robot of a run is not logged, the run's consensus and its numbers of right, wrong and
     undecided robots are null.
-
-    Args:
-        finals: from ``_finals``, of all sessions. ends: the table of ends. Both have a row for each robot of each
-            session, ordered by session and robot.
     """
     # The tables are computed with -1 for a decision that is not logged. Below, the table of robots gets the null back.
     known = finals.with_columns(pl.col("decision").fill_null(-1))

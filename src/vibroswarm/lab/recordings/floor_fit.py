@@ -1,13 +1,8 @@
 """Test whether the energies of a log were read on a given floor, or on one of its rotations or mirror images.
 
-| name | symbol | equation |
-|---|---|---|
-| energy of a tile | m_t | mean of ln E over the samples on tile t; of bits, their mean |
-| contrast | C | mean of m_t over vibrating tiles minus mean over still tiles, of the tiles that were sampled |
-| p-value | p | share of random floors whose contrast is at least C |
-
-A random floor has the same number of vibrating tiles among those that were sampled. Each tile counts once, however
-often it was sampled, because neighbouring samples are not independent.
+The contrast C is the mean of m_t over vibrating tiles minus that over still ones, with m_t the mean of ln E (of bits,
+their mean) over the samples on tile t. p is the share of random floors, with as many vibrating tiles among those
+sampled, whose contrast is at least C. Each tile counts once, because neighbouring samples are not independent.
 """
 
 from __future__ import annotations
@@ -28,7 +23,6 @@ from vibroswarm.floors.floor import Floor
 
 Tiles = NDArray[np.uint8]
 FLOORS: Final = 20_000
-"""Number of random floors."""
 UNLIKELY: Final = 0.01
 """A floor with a p-value below this fits, if no other orientation fits better."""
 LIKELY: Final = 0.001
@@ -47,19 +41,15 @@ ORIENTATIONS: Final[dict[str, Callable[[Tiles], Tiles]]] = {
     "mirrored along the diagonal from the top left": np.transpose,
     "mirrored along the diagonal from the top right": lambda tiles: np.rot90(tiles, 2).T,
 }
-"""Orientations of a floor that are compared."""
 
 
 @dataclass(frozen=True)
 class FloorFit:
-    """Fit of one orientation of a floor."""
+    """Fit of one orientation of a floor: contrast C, and p-value."""
 
     orientation: str
-    """One of ``ORIENTATIONS``."""
     contrast: float
-    """C: mean of m_t (which is in ln of the energy) over vibrating tiles minus that over still tiles."""
     probability: float
-    """p-value: probability that a random floor fits as well."""
 
 
 def turned(tiles: Tiles, orientation: str) -> Tiles:
@@ -70,14 +60,12 @@ def turned(tiles: Tiles, orientation: str) -> Tiles:
 def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
     """Compute how well a floor fits the energies in each orientation, sorted by falling contrast.
 
-    An orientation is left out if the rotated grid has another shape, or if all sampled tiles would be of one kind.
+    None if fewer than four tiles were sampled, or if the floor has still tiles only, vibrating ones only, or other
+    kinds.
 
     Args:
-        samples: a table with the columns x_m, y_m, energy and observation. The bits observed count if no sample has an
-            energy, and energies that are bits count as such. Samples off all tiles, or with an energy of 0 among other
-            energies, do not count.
-    Returns: the fits; none if fewer than four tiles were sampled, or if the floor has still tiles only, vibrating ones
-        only, or other kinds.
+        samples: with the columns x_m, y_m, energy and observation; observations count if no sample has an energy.
+            Samples off all tiles, or with an energy of 0 among other energies, do not count.
     """
     tile = floor.tile_at(samples["x_m"].to_numpy(), samples["y_m"].to_numpy())
     has_energies = samples["energy"].count() > 0
@@ -107,12 +95,7 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
 
 
 def _random_contrasts(mean: Floats, ones: int) -> Floats:
-    """Compute the contrasts of random floors with ``ones`` vibrating tiles among those sampled, (``FLOORS``,).
-
-    Args:
-        mean: m_t, the mean of ln E, of each sampled tile, (tiles,). ones: number of vibrating tiles among them, above 0
-            and below the number of tiles.
-    """
+    """Compute the contrasts of random floors with ``ones`` vibrating tiles among those sampled, (``FLOORS``,)."""
     # Seed, run and robot are 0: the same random floors for every log.
     u = uniforms(0, 0, 0, Purpose.BOOTSTRAP, FLOORS * mean.size).reshape(FLOORS, mean.size)
     # The tiles with the smallest uniform numbers vibrate: every set of ``ones`` tiles has the same probability.
@@ -122,15 +105,7 @@ def _random_contrasts(mean: Floats, ones: int) -> Floats:
 
 
 def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
-    """Test whether a floor fits the energies of samples, and return the result as a sentence.
-
-    The sentence says that the floor fits, or that the test is inconclusive.
-
-    Args:
-        samples: as for ``floor_fits``, with time_s; those after a change of the floor do not count.
-    Raises:
-        InputError: no sample lies on the floor, or it fits clearly better if it is rotated or mirrored.
-    """
+    """Return whether a floor fits, as a sentence; refuse one that fits clearly better rotated or mirrored."""
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     if (floor.tile_at(x, y) < 0).all():
         raise InputError(

@@ -68,17 +68,13 @@ class Log:
     """The log of one session."""
 
     name: str
-    """Name of the file."""
     reader: str
-    """Name of the log's format."""
     samples: pl.DataFrame
     """``line`` and the columns of ``SAMPLES``, by time."""
     tracks: pl.DataFrame
     """Columns of ``TRACKS``, by time; empty if positions are known at samples only."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Fields of the scenario stated in the log."""
     counts: Mapping[str, float] = field(default_factory=dict)
-    """What was counted while it was read, by name."""
     robots: Mapping[str, int] = field(default_factory=dict)
     """The number that each robot got, by the name that it has in the file; empty: the file has numbers."""
     has_timestamps: bool = False
@@ -104,8 +100,6 @@ def log_of(rows: pl.DataFrame, name: str, reader: str, wraps_at: Mapping[str, fl
     Args:
         rows: columns of ``SAMPLES`` that the files have, and ``file`` and ``line``, in the order of the files.
         wraps_at: value at which counters start again from 0, by column. more: further fields of the log.
-    Raises:
-        InputError: a row is more than a second out of order, or two rows of a robot have the same time.
     """
     own = rows.unique(pl.exclude("line"), keep="first", maintain_order=True)
     late = own.filter(pl.col("time_s").cum_max().over("file") - pl.col("time_s") > LATE_S)

@@ -1,16 +1,11 @@
 """Read logs by format.
 
-**webots**, the console log of the study's simulator. It has samples only; lines of data stand among other lines. A
-line of data is ``1, time s, robot, energy, bit sent, belief, alpha, beta, sent, received, posterior mean, own mean,
-x m, z m, walking ms, avoiding ms, pause ms, decision time s, decision``, with y = 1 - z. Samples of the first 5 s are
-not printed, and each robot's last line is repeated. One of the first lines has the settings: ``gamma_0 gamma tau
-theta_c O_c feedback eta seed ...``.
+**webots**, the console log of the study's simulator: lines of data among others, ``1, time s, robot, energy, bit sent,
+belief, alpha, beta, sent, received, posterior mean, own mean, x m, z m, walking ms, avoiding ms, pause ms, decision
+time s, decision``, with y = 1 - z; each robot's last line is repeated. One of the first lines has the settings.
 
-**rugbot**, the CSV of the study's robots: read by a column map.
-
-**camera**, the log of a session tracked by ``lab track``, also written here.
-
-**table**, any other table whose columns have the names of ``log.SAMPLES``, or are named by a column map.
+**rugbot**, the CSV of the study's robots; **camera**, the log of a session tracked by ``lab track``; **table**, any
+other table whose columns have the names of ``log.SAMPLES``, or are named by a column map.
 """
 
 from __future__ import annotations
@@ -37,33 +32,26 @@ from vibroswarm.lab.recordings.read_tables import (
 )
 
 CELLS: Final = 19
-"""Numbers in a line of data of a console log."""
 _CONSOLE: Final = {
     "time_s": 1, "robot": 2, "energy": 3, "message": 4, "belief_below": 5, "alpha": 6, "beta": 7, "sent": 8,
     "messages_received": 9, "x_m": 12, "y_m": 13, "avoid_total_s": 15, "stop_total_s": 16, "decision": 18,
 }  # fmt: skip
-"""Index of the cell of each column in a line of data."""
 _SETTINGS: Final = re.compile(
     r"^(\d+) (\d+) (\d+) (\d+) (\d+) ([012]) (\d+) (\d+) 1 (\d+) (\d+) 0 0\s*$", re.MULTILINE
 )
 """Line of settings: eight settings, 1, number of robots, tau, 0, 0."""
 FEEDBACK: Final = ("none", "positive", "soft")
-"""Strategies by their number in the settings."""
 CAMERA_LOG: Final = "log.csv"
 """Name of the log in a folder written by ``lab track``."""
 CAMERA_COLUMNS: Final = tuple(name for name in SAMPLES if not name.startswith("place_"))
-"""Columns of the log of a tracked session."""
 
 
 def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
     """Read the log of a session.
 
     Args:
-        path: of the log, or a folder: one that ``lab track`` has written, or of the session's files, such as one for
-            each robot.
-        columns: path of a column map; if it is given, the file is read by this map, whatever its format.
-    Raises:
-        InputError: the file is not of its format; the error names the row.
+        path: of the log, or a folder: one that ``lab track`` has written, or of the session's files.
+        columns: path of a column map; without it, the file's format is detected.
     """
     path = Path(path)
     paths = files_of(path, CAMERA_LOG)
@@ -85,7 +73,7 @@ def rugbot_map() -> ColumnMap:
 
 
 def _format_of(path: Path) -> str:
-    """Return the format of a file: of the study's robots it has five columns, of which some may lack."""
+    """A log of the study's robots has at least five of its columns."""
     if any(line.startswith("1,") and line.count(",") == CELLS - 1 for line in text_of(path).splitlines()):
         return "webots"
     header = cells_of(path).columns[2:]

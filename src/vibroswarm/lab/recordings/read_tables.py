@@ -71,7 +71,6 @@ class Use(NamedTuple):
 
 
 Schema = Mapping[str, Use]
-"""Columns of a table, by name."""
 
 
 class Column(BaseModel):
@@ -106,11 +105,7 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def read_model(model: type[M], path: Path, what: str) -> M:
-    """Read a model from a TOML file; ``what`` names the kind of file, for errors.
-
-    Raises:
-        InputError: it is no TOML, or a key or value is wrong.
-    """
+    """Read a model from a TOML file; ``what`` names the kind of file, for errors."""
     values = parsed_toml(read_text(path, what), str(path))
     try:
         return model.model_validate(values)
@@ -125,7 +120,6 @@ class Read(NamedTuple):
     rows: pl.DataFrame
     """The columns of the schema that the files have, and ``file`` and ``line``, from 1."""
     columns: Mapping[str, Column]
-    """How each was read."""
     robots: Mapping[str, int]
     """Numbers of robots that have names; empty: robots have numbers."""
     has_timestamps: bool
@@ -136,13 +130,7 @@ class Read(NamedTuple):
 
 
 def read_rows(paths: Sequence[Path], schema: Schema, by: ColumnMap | None = None) -> Read:
-    """Read the rows of files, one below the other.
-
-    Args:
-        by: a column map; None: the files' columns have the names of the schema.
-    Raises:
-        InputError: a file is no table, lacks a column, or has a cell that is not allowed; the error names the row.
-    """
+    """Read the rows of files, one below the other; without a column map, columns have the names of the schema."""
     by = by or ColumnMap()
     cells = pl.concat([cells_of(path) for path in paths], how="diagonal")
     return converted(cells, _columns_of(cells.columns, schema, by, paths[0]), schema, by.missing)
@@ -151,13 +139,7 @@ def read_rows(paths: Sequence[Path], schema: Schema, by: ColumnMap | None = None
 def converted(
     cells: pl.DataFrame, columns: Mapping[str, Column], schema: Schema, missing: Sequence[str]
 ) -> Read:
-    """Convert cells, texts in columns beside ``file`` and ``line``, to a table.
-
-    Args:
-        columns: how each column of the schema is read. missing: texts of empty cells.
-    Raises:
-        InputError: a cell is not allowed; the error names the row.
-    """
+    """Convert cells, texts in columns beside ``file`` and ``line``; ``missing`` are texts of empty cells."""
     found, robots, has_timestamps = [cells["file"], cells["line"]], dict[str, int](), False
     for use, column in columns.items():
         text = cells[column.name].str.strip_chars()
@@ -188,11 +170,7 @@ def converted(
 
 
 def text_of(path: Path) -> str:
-    """Return the text of a file; bytes that are not UTF-8 are replaced by U+FFFD.
-
-    Raises:
-        InputError: it is no plain file, too large, binary or empty.
-    """
+    """Return the text of a file; bytes that are not UTF-8 are replaced by U+FFFD."""
     text = read_bytes(path, LARGEST_BYTES, "a table").decode("utf-8-sig", errors="replace")
     if "\0" in text[:4096] or not text.strip():
         raise InputError("is empty, a binary file, or text in UTF-16; give text in UTF-8", field=str(path))
@@ -200,11 +178,7 @@ def text_of(path: Path) -> str:
 
 
 def files_of(path: Path, name: str = "") -> list[Path]:
-    """Return the files of one session: the file itself, or in a folder ``name``, or else all its tables, in order.
-
-    Raises:
-        InputError: it is a folder without a table.
-    """
+    """Return the files of one session: the file itself, or in a folder ``name``, or else all its tables, in order."""
     if not path.is_dir():
         return [path]
     if name and (path / name).is_file():

@@ -1,10 +1,8 @@
 """Replay strategies on the observations of a recording.
 
-Bits are those that were read, or E > theta_E with the requested threshold. Logs do not say who heard what: each message
-is lost at random, with the share that the session's log counts, so that a replay consists of many draws; where a log
-counts no messages, the network of the recording's scenario delivers them. Places are those of the recording (of the
-camera), as if robots knew them. Samples whose rows were lost are left out. Motion is that of the recording, in which
-robots continued to sample after deciding.
+Bits are those that were read, or E > theta_E with the requested threshold. Each message is lost at random, with the
+share that the session's log counts, in many draws; where a log counts no messages, the network of the recording's
+scenario delivers them. Places are those of the recording, as if robots knew them.
 """
 
 from __future__ import annotations
@@ -35,24 +33,21 @@ REPLAYABLE: Final = ("sensor", "strategy", "decision")
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """Many draws of the replay of one scenario on a recording."""
+    """Draws of the replay of one scenario."""
 
     scenario: Scenario
     robots: pl.DataFrame
-    """``draw`` and the columns ``outcomes.ROBOTS``: one row per draw, session and robot."""
     runs: pl.DataFrame
-    """``draw`` and the columns ``outcomes.RUNS``: one row per draw and session."""
 
 
 def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200, seed: int = 1) -> Replayed:
-    """Replay a scenario on the observations of a recording, ``draws`` times.
+    """Replay a scenario on the observations of a recording, ``draws`` times, with seeds from ``seed`` on.
 
     Args:
         scenario: that of the recording, in which the sections ``REPLAYABLE`` may be changed; of the sensor, the bits
-            depend on the threshold alone. seed: of the first draw; each further draw has the next seed.
+            depend on the threshold alone.
     Raises:
         InputError: another section differs, the strategy steers, or the sensor reads more than energies.
-        CodeError: the strategy is a user's, and did something that strategies may not do.
     """
     for section in type(scenario).model_fields:
         if section not in REPLAYABLE and getattr(scenario, section) != getattr(recording.scenario, section):
@@ -90,10 +85,7 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
 
 
 def _sessions(recording: Recording, scenario: Scenario) -> Iterator[tuple[int, Scenario, Motion]]:
-    """Yield each session with its motion, and a scenario whose network loses messages as often as its log counts.
-
-    The network stays that of ``scenario`` where the log does not count them.
-    """
+    """Yield each session with its motion, and a scenario whose network loses messages as often as its log counts."""
     for run, share in shares_lost(recording).items():
         of_run = pl.col("run") == run
         motion = Motion(recording.motion.filter(of_run), recording.ends.filter(of_run))
@@ -128,7 +120,6 @@ class Replays:
 
     recording: Recording
     by_strategy: Mapping[str, Replayed]
-    """At least one."""
     draws: int
     """Draws of the lost packets, the same for all."""
     seed: int
@@ -148,14 +139,7 @@ def replay_strategies(
 
 
 def with_beliefs(recording: Recording, seed: int = 0) -> Result:
-    """Return a copy of a recording, also a ``Recording``, with beliefs and decisions computed from its bits.
-
-    The strategy of the recording's scenario computes them, with messages as in a replay. They replace logged ones, so
-    this is for recordings that lack beliefs.
-
-    Args:
-        seed: of the random numbers of strategy and network.
-    """
+    """Return a copy of a recording with beliefs and decisions computed from its bits by its strategy."""
     replayed = [
         infer(of_session, seed, motion, recording.observations.filter(run=run))
         for run, of_session, motion in _sessions(recording, recording.scenario)
@@ -173,7 +157,6 @@ class SessionOutcome:
     """Outcome of a session, summarised over the draws of a replay."""
 
     session: int
-    """From 1."""
     consensus: dict[str, float]
     """Share of the draws with each consensus; empty if decisions are not logged."""
     decision_time_s: float | None
@@ -197,10 +180,7 @@ def logged_outcomes(recording: Recording) -> list[SessionOutcome]:
 
 
 def session_outcomes(recording: Recording, replayed: Replayed) -> list[SessionOutcome]:
-    """Summarise a replay: the outcome of each session over the draws, in the order of sessions.
-
-    Robots without samples and without a decision do not count in decision times.
-    """
+    """Summarise the outcome of each session over the draws of a replay, in the order of sessions."""
     # A robot that never decides counts with the time of its last sample.
     last = recording.motion.group_by("run", "robot").agg(pl.col("time_s").max().alias("last_s"))
     timed = replayed.robots.join(last, on=["run", "robot"], how="left").with_columns(

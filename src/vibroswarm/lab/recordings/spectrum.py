@@ -48,7 +48,6 @@ LONGEST_STOP: Final = 20
 """Longer stretches, in samples, are not stops."""
 SLOWEST_HZ: Final = 10.0
 FASTEST_HZ: Final = 1e5
-"""Rates of accelerometers."""
 REPEATED: Final = 1.05
 """If readings are repeated more often, the sensor is polled faster than it measures."""
 PILED: Final = 5
@@ -64,7 +63,7 @@ _SEED: Final = 41
 
 
 class Line(NamedTuple):
-    """A line of a spectrum."""
+    """A line of a spectrum; frequencies in Hz."""
 
     hz: float
     low: float
@@ -82,7 +81,6 @@ class Spectrum:
     """The mean spectrum of some samples."""
 
     group: str
-    """What they have in common: "all", "robot", "tile" or "time"."""
     name: str
     samples: int
     power: Floats
@@ -95,12 +93,10 @@ class Spectra:
     """Spectra of a recording."""
 
     hz: Floats
-    """(frequencies,)."""
     rate_hz: float
     signal_s: float
     axis: str
     samples: int
-    """Number of samples."""
     stops: int
     """Number of stops found; those shorter than a sample are not used."""
     spectra: tuple[Spectrum, ...]
@@ -144,12 +140,9 @@ def spectra_of(
         rate_hz: readings per second; None: as the times say. signal_ms: the part of each stop that is used, its end.
         stop_s: length of the pieces into which a recording without pauses is cut; None: it is not.
         unit: of the acceleration, one of ``acceleration.GRAVITY``, unless the names of the columns say it.
-        axis: what spectra are of; None: the magnitude, or the axis that is shaken most if gravity is not in the
-            readings.
+        axis: None: the magnitude, or the axis that is shaken most if gravity is not in the readings.
         by: groups of samples that get spectra of their own, beside all. size_m, tiles: width and height of the surface,
-            and rows and columns of its tiles, for tiles and places.
-    Raises:
-        InputError: the file or the rate is wrong, no stop holds a sample, or places are missing.
+            and rows and columns of its tiles.
     """
     read = read_acceleration(path, rate_hz)
     unit = "m/s2" if read.in_m_s2 else unit
@@ -288,11 +281,7 @@ def _at_the_end(values: Floats) -> int:
 
 
 def periodograms(signals: Floats, rate_hz: float) -> tuple[Floats, Floats]:
-    """Return frequencies, (frequencies,), and the power of each signal at them, (samples, frequencies).
-
-    Args:
-        signals: (samples, readings).
-    """
+    """Return frequencies, (frequencies,), and the power of each signal, (samples, readings), at them."""
     from scipy.signal import periodogram
 
     hz, power = periodogram(signals, rate_hz, window="hann", detrend="constant", scaling="spectrum", axis=-1)

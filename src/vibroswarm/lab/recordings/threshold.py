@@ -1,18 +1,9 @@
-"""Choose the sensor's threshold theta_E from a recording on a known floor, by equal error.
+"""Choose the sensor's threshold theta_E by equal error from a recording on a known floor; is the floor decidable?
 
-Also compute whether the floor's question can be decided with the threshold.
-
-| name | symbol | equation |
-|---|---|---|
-| false positive, false negative | a(theta), b(theta) | share of still samples with E > theta, of vibrating ones with E <= theta |
-| equal error | - | a(theta) = b(theta) |
-| edge distance | - | from a sample to the nearest tile of the other kind |
-
-A sample's label is the kind of tile (vibrating or still) under the robot's centre. Samples are neither independent nor
-identically distributed, since robots and tiles differ. So the bootstrap resamples both robots (a robot in each session
-by itself) and tiles, and weights a sample by the product of the numbers of times that its robot and its tile are drawn.
-The interval then holds for other such robots and tiles. The random numbers depend on seed, draw and stream alone.
-"""  # noqa: E501
+The label of a sample is the kind of the tile under the robot's centre. False positives a(theta) are the share of still
+samples with E > theta, false negatives b(theta) that of vibrating ones with E <= theta; at equal error a = b. The
+bootstrap resamples robots (of each session) and tiles, so that limits hold for other such robots and tiles.
+"""
 
 from __future__ import annotations
 
@@ -34,38 +25,24 @@ from vibroswarm.statistics.sampling import effective_samples, effective_with_sen
 
 
 def resample(seed: int, draw: int, stream: int, count: int) -> Ints:
-    """Draw ``count`` indices from 0 to ``count`` - 1 with replacement, (count,).
-
-    Args:
-        seed, draw, stream: address of the random numbers: the same address gives the same indices.
-    """
+    """Draw ``count`` indices from 0 to ``count`` - 1 with replacement."""
     return (uniforms(seed, draw, stream, Purpose.BOOTSTRAP, count) * count).astype(np.int64)
 
 
 def cluster_weights(seed: int, draw: int, stream: int, cluster: Ints) -> Floats:
-    """Resample clusters with replacement; return how often the cluster of each row was drawn, (rows,).
-
-    Args:
-        seed, draw, stream: address of the random numbers: the same address gives the same draw.
-        cluster: index of each row's cluster, from 0, (rows,); at least one row.
-    """
+    """Resample clusters (indices from 0); return how often the cluster of each row was drawn, (rows,)."""
     clusters = int(cluster.max()) + 1
     return np.bincount(resample(seed, draw, stream, clusters), minlength=clusters)[cluster].astype(float)
 
 
 def robot_clusters(samples: pl.DataFrame) -> Ints:
-    """Return the index of each sample's cluster, from 0, (samples,); a cluster is a robot in one run.
-
-    Args:
-        samples: with the columns run and robot.
-    """
+    """Return the index of each sample's robot in its run, from 0, (samples,), from the columns run and robot."""
     pairs = samples.select(pl.col("run", "robot").cast(pl.Int64)).to_numpy()
     # The index of each row's pair among the distinct pairs. NumPy 2.0 returns it as (samples, 1), hence ``ravel``.
     return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
 
 
 RESAMPLES: Final = 400
-"""Number of bootstrap draws."""
 _SEED: Final = 7
 """Seed of the bootstrap; it is fixed, so that a recording always has the same limits."""
 
@@ -82,15 +59,11 @@ class Threshold:
     """A threshold with its interval, its error rates, and whether the floor can be decided with it."""
 
     rule: str
-    """How it was chosen."""
     value: float
-    """The threshold theta_E."""
     low: float
-    """Lower 95 % limit, by a bootstrap over robots and tiles; nan for a given threshold."""
     high: float
-    """Upper 95 % limit, by the same bootstrap; nan for a given threshold."""
+    """95 % limits; nan for a given threshold."""
     all_samples: Rates
-    """Error rates of all samples."""
     share_by_session: Interval
     """Share of ones with equal weight for each tile: mean over sessions, whose limits are infinite for one session."""
     decidable: Decidability
@@ -112,25 +85,16 @@ class Labelled:
     """The samples on tiles, with the kind of their tile; (samples,) each."""
 
     energy: Floats
-    """Energy of the sample."""
     vibrating: Bools
-    """Whether the tile below vibrates."""
     tile: Ints
-    """Index of the tile below."""
     session: Ints
-    """Number of the run."""
     robot: Ints
     """Index of the robot, from 0; it is another one in each session."""
     fill_ratio: float
-    """Fill ratio of the floor."""
 
 
 def labelled(recording: Recording) -> Labelled:
-    """Return the samples of a recording that lie on tiles, with the kind of their tile.
-
-    Raises:
-        InputError: all samples are on one kind of tile, or the floor has more than two.
-    """
+    """Return the samples of a recording that lie on tiles, which must be of two kinds."""
     key = ["run", "robot", "sample"]
     tiles = recording.observations.select(*key, "tile")
     frame = recording.rows.join(tiles, on=key, maintain_order="left").filter(pl.col("tile") >= 0)
@@ -154,12 +118,9 @@ def labelled(recording: Recording) -> Labelled:
 
 
 def edge_distance(floor: Floor, x_m: Floats, y_m: Floats, vibrating: Bools) -> tuple[Floats, Ints]:
-    """Find the nearest tile of the other kind to each place.
+    """Find the nearest tile of the other kind to each place: its distance, m, and index, (places,) each.
 
-    Args:
-        x_m, y_m: the places, m. vibrating: whether the tile that each place lies on vibrates; (places,) each.
-    Returns: distance from each place to that tile, m, and index of that tile, (places,) each; inf and -1 if all tiles
-        are of one kind.
+    Without tiles of the other kind they are inf and -1.
     """
     rows, columns, width, height, left, bottom = floor.geometry
     # Lower left corners of the tiles, which are numbered row by row from the top.
@@ -181,12 +142,7 @@ def _outside(places_m: Floats, begins_m: Floats, size_m: float) -> Floats:
 def equal_error(energy: Floats, vibrating: Bools, weight: Floats) -> float:
     """Compute the threshold at which both error rates are equal, by linear interpolation between thresholds.
 
-    Thresholds lie half-way between neighbouring energies, the last one above all. If b is at least a at the lowest
-    already, it is the result.
-
-    Args:
-        energy, vibrating, weight: energies of samples, whether their tiles vibrate, and their weights, (samples,) each;
-            both kinds of tile must have weight.
+    Thresholds lie half-way between neighbouring energies. Both kinds of tile must have weight.
     """
     order = np.argsort(energy, kind="stable")
     sorted_energy, kind, w = energy[order], vibrating[order], weight[order]
@@ -209,13 +165,7 @@ def equal_error(energy: Floats, vibrating: Bools, weight: Floats) -> float:
 
 
 def find_threshold(recording: Recording, data: Labelled | None = None) -> Threshold:
-    """Find theta_E by equal error, with limits from a bootstrap over robots and tiles.
-
-    Args:
-        data: samples of the recording, from ``labelled``; None: they are computed here.
-    Raises:
-        InputError: samples are on one kind of tile only.
-    """
+    """Find theta_E by equal error, with limits from a bootstrap over robots and tiles."""
     data = data or labelled(recording)
     value = equal_error(data.energy, data.vibrating, np.ones(data.energy.size))
     resampled = [equal_error(data.energy, data.vibrating, weight) for weight in _weights(data)]
@@ -233,12 +183,7 @@ def at_threshold(
     low: float = float("nan"),
     high: float = float("nan"),
 ) -> Threshold:
-    """Compute the error rates at a threshold, and whether the floor can be decided with it.
-
-    Args:
-        value: the threshold. data: samples of the recording, from ``labelled``; None: they are computed here.
-        name: name of the rule that chose the threshold. low, high: limits of the threshold.
-    """
+    """Compute the error rates at a threshold, and whether the floor can be decided with it."""
     data = data or labelled(recording)
     bits = data.energy > value
     by_session = [
@@ -250,11 +195,7 @@ def at_threshold(
 
 
 def rates(data: Labelled, threshold: float, chosen: Bools | None = None) -> Rates:
-    """Compute the error rates of samples at a threshold; nan for a kind of tile without samples.
-
-    Args:
-        chosen: whether each sample counts, (samples,); None: all do.
-    """
+    """Compute the error rates of samples, of all or of the chosen ones, at a threshold."""
     bits, counts = data.energy > threshold, np.ones(data.energy.size, np.bool_) if chosen is None else chosen
     still, vibrating = counts & ~data.vibrating, counts & data.vibrating
     return Rates(share_of(bits, still), share_of(~bits, vibrating))
@@ -266,13 +207,7 @@ def share_of(is_wrong: Bools, samples: Bools) -> float:
 
 
 def unseen_errors(recording: Recording, data: Labelled | None = None) -> pl.DataFrame:
-    """Return how each session is judged by a threshold of the others.
-
-    Returns: session (from 1), threshold, and the error rates of its samples; empty with a single session.
-        Sessions without both kinds of tile, and those whose others have one kind only, are left out.
-    Raises:
-        InputError: samples are on one kind of tile only.
-    """
+    """Return session (from 1), threshold of the others, and its error rates; without sessions of one kind of tile."""
     data, rows = data or labelled(recording), []
     for session in np.unique(data.session):
         own = data.session == session
@@ -303,13 +238,7 @@ class Recommendation:
 
 
 def recommend(recording: Recording, at: float | None = None) -> Recommendation:
-    """Recommend a threshold.
-
-    Args:
-        at: a given threshold; None: none.
-    Raises:
-        InputError: samples are on one kind of tile only.
-    """
+    """Recommend a threshold: that of equal error, or ``at``."""
     data = labelled(recording)
     given = () if at is None else (at_threshold(recording, at, data),)
     field = "sensor.rms_threshold"
@@ -322,15 +251,11 @@ def recommend(recording: Recording, at: float | None = None) -> Recommendation:
 
 
 def _decidable(data: Labelled, bits: Bools, errors: Rates, recording: Recording) -> Decidability:
-    """Compute whether the floor can be decided from the bits of all sessions.
+    """The share of ones is the mean over visited tiles of each tile's share.
 
-    The share of ones is the mean over visited tiles of each tile's share. Its interval is that of a share measured with
-    n_eff independent samples, where n_eff is the effective number of samples (``effective_with_sensor``): it allows for
-    tiles visited unequally often and for the error rates at this threshold. Robots differ, so that n_eff is at most the
-    number that gives the share the error that it has by how far robots, on the same tiles, are apart.
-
-    Args:
-        bits: of the samples ``data`` at this threshold, (samples,). errors: their rates.
+    Its interval is that of n_eff independent samples (``effective_with_sensor``): tiles are visited unequally often,
+    and bits are wrong. Robots differ, so that n_eff is at most the number that gives the share the error that it has
+    by how far robots, on the same tiles, are apart.
     """
     observed = observed_share(data.tile, bits)
     count = np.bincount(data.tile)
@@ -360,12 +285,7 @@ def _decidable(data: Labelled, bits: Bools, errors: Rates, recording: Recording)
 
 
 def _weights(data: Labelled) -> list[Floats]:
-    """Return the weights of the samples in each bootstrap draw, (samples,) each.
-
-    Robots (each in one session) and tiles are drawn separately. The weight of a sample is the number of times that its
-    robot was drawn times the number of times that its tile was drawn. Draws that give one kind of tile no weight are
-    left out, since one error rate is then undefined.
-    """
+    """Return weights of the samples in each bootstrap draw; draws without weight on a kind of tile are left out."""
     tile = np.unique(data.tile, return_inverse=True)[1]
     drawn = (
         cluster_weights(_SEED, draw, stream=0, cluster=data.robot)
