@@ -53,7 +53,6 @@ class Detections:
 
     size_px: tuple[int, int]
     time_s: Floats
-    """(frames,), from the first frame."""
     corners_px: Floats
     """(frames, robots, 4, 2): top left, top right, bottom right, bottom left of each marker; NaN: not seen."""
     floor_seen: Mapping[int, Sequence[tuple[int, Floats]]]
@@ -117,7 +116,7 @@ def detect(
     partial: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Detections:
-    """Find the markers of robots and floor in a video.
+    """Find the markers of robots, in the order of ``markers.robots``, and of the floor in a video.
 
     If a robot's marker is seen at two places of a frame, the one that moves is used while the other, such as a spare
     print, lies still; of two that move, or of two that lie still, the one nearer to the robot's path before and after.
@@ -125,10 +124,6 @@ def detect(
     Args:
         partial: whether a video that ends early is accepted.
         progress: called after each frame with the number of frames done and the number of all frames.
-    Returns: detections with robots in the order of ``markers.robots``.
-    Raises:
-        InputError: the file is no video or has no frames; or it ends early, or does not state its number of frames, and
-            ``partial`` is false.
     """
     size_px, _, frames = video_info(path)
     search, times = _Search(markers, size_px), []
@@ -216,9 +211,6 @@ def _without_spare(places: Sequence[Sequence[Floats]]) -> Sequence[Sequence[Floa
     """Leave out a print that lies still while another one of the same number moves.
 
     It lies where a marker is in nine of ten frames with several, and those elsewhere move by more than a marker's edge.
-
-    Args:
-        places: corners, (4, 2), px, at each place of each frame.
     """
     several = [own for own in places if len(own) > 1]
     if not several:
@@ -240,7 +232,7 @@ def _without_spare(places: Sequence[Sequence[Floats]]) -> Sequence[Sequence[Floa
 def _followed(places: Sequence[Sequence[Floats]]) -> Floats:
     """Return a marker's corners in each frame, (frames, 4, 2), px: of several those nearest to its path; NaN: none.
 
-    The path begins where the marker is seen at a single place; if it never is, it is not followed.
+    The path begins where the marker is seen at a single place.
     """
     found = np.full((len(places), 4, 2), np.nan)
     first = next((k for k, own in enumerate(places) if len(own) == 1), None)
@@ -255,11 +247,7 @@ def _followed(places: Sequence[Sequence[Floats]]) -> Floats:
 
 
 class _Finder:
-    """Looks for markers in whole frames and in windows.
-
-    The four detectors are of the whole dictionary and of the markers that are listed, whose number is what most of the
-    time depends on; those for windows leave small figures out.
-    """
+    """Looks for markers in whole frames and in windows; the fewer markers are listed, the faster."""
 
     def __init__(self, cv2: Any, markers: Markers) -> None:
         self._cv2 = cv2
@@ -271,10 +259,9 @@ class _Finder:
         self._quick = cache(lambda width_px: of_listed(threshold_px=width_px, least_round=LEAST_ROUND))
 
     def in_window(self, picture: Gray, window: Window, marker: int) -> list[Floats]:
-        """Look for a marker in a window of a picture.
+        """Return a marker's corners, (4, 2), px of the whole picture, at each place where it is seen in a window.
 
-        Returns: its corners, (4, 2), px of the whole picture, at each place where it is seen there: with one threshold
-            width; else with three, in the window as it is or, if the marker is small, enlarged.
+        It is looked for with one threshold width; else with three, in the window as it is or, if small, enlarged.
         """
         (left, top), (right, bottom) = window
         cut = np.ascontiguousarray(picture[top:bottom, left:right])
@@ -296,10 +283,9 @@ class _Finder:
 class _Detector:
     """OpenCV's detector of the markers of a dictionary, or of some of them.
 
-    OpenCV can find corners in two ways: as the point where lines fitted to two edges of a marker meet, or by refining
-    each corner by itself. Lines are used: with edges of 24 px, they give corners that are five times as exact, since
-    the squares inside a marker attract corners that are refined by themselves. If an edge of a very small marker has
-    too few pixels for a line, OpenCV raises an error; then each corner is refined by itself.
+    Corners are where lines fitted to two edges of a marker meet: with edges of 24 px this is five times as exact as
+    refining each corner by itself, since the squares inside a marker attract corners. If an edge of a very small
+    marker has too few pixels for a line, OpenCV raises an error; then each corner is refined by itself.
     """
 
     def __init__(
@@ -316,7 +302,7 @@ class _Detector:
         Args:
             listed: numbers of the markers that are looked for; None: all of the dictionary.
             threshold_px: width over which the adaptive threshold averages; None: OpenCV's three widths.
-            least_round: least circumference of a marker, as a share of the image's longer side; None: OpenCV's.
+            least_round: least circumference of a marker, as a share of the image's longer side.
         """
         self._cv2, self._first_corner = cv2, first_corner(dictionary)
         whole = dictionary_of(dictionary)
@@ -356,13 +342,7 @@ def _nearest_to(at: Floats, places: Sequence[Floats]) -> Floats:
 
 
 def _window(corners: Floats, moved: Floats, size_px: tuple[int, int]) -> Window | None:
-    """Return the window in which a marker should be if it moves as it did between the last two frames.
-
-    Args:
-        corners: corners of the marker where it was seen last, (4, 2), px.
-        moved: its movement between the last two frames, (2,), px. size_px: width and height of the picture.
-    Returns: None if less than 8 px of the window's width or height are in the picture.
-    """
+    """Return the window in which a marker should be if it moves again as it did; None: hardly in the picture."""
     edge = float(np.linalg.norm(corners[1] - corners[0]))
     # The window is moved by ``moved``. It is also enlarged by as much, since the robot may stop or turn.
     margin = MARGIN * edge + float(np.abs(moved).max())

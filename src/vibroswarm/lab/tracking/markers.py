@@ -47,9 +47,7 @@ black border."""
 APRILTAG_0: Final = 0xD5D628584
 """The 36 small squares of the first marker of 36h11 as AprilTag's own pictures have it, row by row; 1: white."""
 SIZE_MM: Final = 22.0
-"""Default edge of a robot's marker."""
 FLOOR_SIZE_MM: Final = 50.0
-"""Default edge of a floor marker."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +58,7 @@ class Markers:
     robots: Mapping[int, int]
     """The name of each robot, by its marker. Arrays and lists with an entry per robot have this order."""
     size_m: float
-    """Edge of a robot's marker."""
     height_m: float
-    """Height of robots' markers above the floor."""
     floor: Mapping[int, tuple[float, float, float]]
     """x and y of the centre, and the angle, of each floor marker, by its number."""
     floor_size_m: float
@@ -92,12 +88,7 @@ class Markers:
 
 
 def corners_at(x_m: float, y_m: float, up_rad: float, size_m: float, z_m: float) -> Floats:
-    """Return the corners of a marker in the detector's order (top left, top right, bottom right, bottom left).
-
-    Args:
-        x_m, y_m, z_m: centre of the marker. up_rad: direction from its centre to its top edge. size_m: of its edges.
-    Returns: (4, 3), m.
-    """
+    """Return the corners of a marker, (4, 3), m; ``up_rad`` is the direction to its top edge."""
     up = np.array([math.cos(up_rad), math.sin(up_rad)]) * size_m / 2
     right = np.array([up[1], -up[0]])
     flat = np.array([x_m, y_m]) + np.array([up - right, up + right, right - up, -up - right])
@@ -105,7 +96,6 @@ def corners_at(x_m: float, y_m: float, up_rad: float, size_m: float, z_m: float)
 
 
 FLOOR_MARKERS: Final = 4
-"""Number of default floor markers."""
 
 
 def usual_markers(
@@ -123,9 +113,6 @@ def usual_markers(
     Args:
         robots: number of robots, or the markers of robots 0, 1, ... width_m, height_m: of the arena.
         size_mm, height_mm: edge and height of robots' markers.
-    Raises:
-        InputError: there are no robots; or robots' markers repeat, are negative, or are so large that no dictionary has
-            room for the floor's markers above them.
     """
     ids = list(range(robots)) if isinstance(robots, int) else list(robots)
     if len(set(ids)) != len(ids) or not ids or not 0 <= min(ids) <= max(ids) < 1000 - FLOOR_MARKERS:
@@ -194,11 +181,7 @@ class _File(_Part):
 
 
 def read_markers(path: Path) -> Markers:
-    """Read a file of markers.
-
-    Raises:
-        InputError: it is not such a file; the message names the key that is wrong.
-    """
+    """Read a file of markers."""
     file = read_model(_File, path, "a file of markers")
     check_choice(file.dictionary, f"{path}, dictionary", DICTIONARIES)
     ids, robots, floor = file.robots.ids, file.robots, file.floor

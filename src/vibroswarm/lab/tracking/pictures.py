@@ -28,7 +28,6 @@ def draw_tracks(
     Args:
         positions: ``track.POSITIONS``, at least one row. stops: ``stops.STOPS``.
         floor_markers: x, y (m) and angle of each floor marker, by its number.
-    Returns: the picture; its numbers are ``robot, time_s, x_m, y_m``.
     """
     sizes = style_named(style)
     figure = new_figure(sizes)

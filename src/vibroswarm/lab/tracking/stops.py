@@ -63,17 +63,11 @@ class ClockOffset:
 
     offset_s: float
     error_s: float
-    """Standard error."""
     pairs: int
-    """Number of pairs of a sample of the log and a stop that match."""
 
 
 def stops_of(robot: int, time_s: Floats, x_m: Floats, y_m: Floats, heading_rad: Floats) -> pl.DataFrame:
-    """Return the stops of one robot (``STOPS``), in the order of time.
-
-    Args:
-        time_s, x_m, y_m, heading_rad: pose at each detection, (detections,), with increasing times.
-    """
+    """Return the stops of one robot (``STOPS``) from its pose at each detection, (detections,)."""
     heading = np.unwrap(heading_rad)
     near_m = max(NOISES * max(_noise(x_m), _noise(y_m)), LEAST_M)
     near_rad = max(NOISES * _noise(heading), LEAST_RAD)
@@ -104,8 +98,7 @@ def stops_of(robot: int, time_s: Floats, x_m: Floats, y_m: Floats, heading_rad: 
 def _noise(values: Floats) -> float:
     """Return the standard deviation of a coordinate's noise; 0 with fewer than 5 values.
 
-    It is computed from second differences, which a steady movement does not change. The variance of a second difference
-    is 6 times that of the noise: 1 + 4 + 1.
+    Second differences, which a steady movement does not change, have 6 times the variance of the noise: 1 + 4 + 1.
     """
     if values.size < 5:
         return 0.0
@@ -116,8 +109,8 @@ def _end_of(after: int, time_s: Floats, moved: Floats) -> tuple[float, bool]:
     """Return when a stop ended, s, and whether that was seen; if not, when the robot was last seen standing.
 
     Args:
-        after: index of the first detection after the stop; the number of detections if there is none.
-        moved: how far the robot is from its pose in the stop at each detection, (detections,), m.
+        after: index of the first detection after the stop. moved: how far the robot is from its pose in the stop at
+            each detection, (detections,), m.
     """
     last_s, usual_s = float(time_s[after - 1]), float(np.median(np.diff(time_s)))
     since_s = time_s[after : after + AFTER] - last_s
@@ -137,12 +130,8 @@ def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float
     about equal: their median in the window of twice ``BIN_S`` that has the most.
 
     Args:
-        stops: ``STOPS``; only those whose end was seen are used. log: robot and time_s (by the robots' clock) of each
-            sample.
-        control_period_s: time from a sample to the end of its stop, s. A robot samples at one control tick and drives
-            on at the next.
-    Raises:
-        InputError: no robot of the log has a stop whose end was seen, or fewer than ``LEAST_PAIRS`` pairs match.
+        log: robot and time_s (by the robots' clock) of each sample. control_period_s: time from a sample to the end
+            of its stop, s.
     """
     stops = stops.filter(pl.col("end_seen"))
     pairs = log.select("robot", "time_s").join(stops.select("robot", "end_s"), on="robot")

@@ -65,11 +65,7 @@ class Tracking:
     """Number of positions that were dropped as too fast."""
 
     def gaps(self) -> pl.DataFrame:
-        """Return the gaps of more than ``GAP_S`` in which robots were not seen, also at both ends of the video.
-
-        Returns: robot, start_s, end_s of each gap, in the order of robots and times. A robot that was never seen has
-            one gap, the whole video.
-        """
+        """Return robot, start_s, end_s of gaps of more than ``GAP_S``, also at both ends of the video."""
         first_s, last_s = self.detections.time_s[[0, -1]].tolist()
         rows = [
             (robot, start_s, end_s)
@@ -81,11 +77,7 @@ class Tracking:
         return pl.DataFrame(rows, schema=schema, orient="row")
 
     def floor_errors(self) -> pl.DataFrame:
-        """Return each floor marker's place, and how well the camera meets its corners, root mean square, px.
-
-        Edges of seen corners are moved inwards, as blur and thresholds moved them outwards. The error of a marker that
-        was never seen is null.
-        """
+        """Return floor markers' places, and how well the camera meets their corners (RMS; null: not seen)."""
         errors = {}
         for marker, corners in self.detections.floor_px.items():
             seen = corners - self.camera.edge_px * outwards(corners[None])[0]
@@ -150,14 +142,10 @@ def track(
     """Track the robots of a video.
 
     Args:
-        markers: those of the robots and of the floor.
         lens: a lens that was fitted to a chessboard; None: the lens is fitted to the markers of floor and robots.
         lens_size_px: width and height of the video of the chessboard.
         camera_height_m: height of the camera, if it was measured. partial: whether a video that ends early is accepted.
         progress: called with the number of frames done and the number of all frames.
-    Raises:
-        InputError: it is no video, ends early (unless ``partial`` is true), shows no marker of a robot or none of the
-            floor, is of another size than the video of the chessboard, or the floor's markers are not in their places.
     """
     seen = detect(video, markers, partial=partial, progress=progress)
     if lens is not None and lens_size_px is not None and lens_size_px != seen.size_px:
@@ -205,11 +193,7 @@ def track(
 def _robot_tables(
     seen: Detections, is_seen: Bools, camera: Camera, markers: Markers
 ) -> tuple[pl.DataFrame, pl.DataFrame, int]:
-    """Return the robots' positions (``POSITIONS``), stops (``stops.STOPS``), and how many positions are too fast.
-
-    Args:
-        is_seen: whether a robot's marker was seen, (frames, robots).
-    """
+    """Return the robots' positions (``POSITIONS``), stops (``stops.STOPS``), and how many positions are too fast."""
     # Empty tables come first, so that no list is empty.
     tables, stops, dropped = [pl.DataFrame(schema=POSITIONS)], [pl.DataFrame(schema=STOPS)], 0
     for i, name in enumerate(markers.robots.values()):
@@ -241,12 +225,8 @@ def wrapped(angle_rad: Floats) -> Floats:
 def too_fast(time_s: Floats, centre_m: Floats) -> Bools:
     """Return whether each position is too far from those before and after it for a robot's speed, (positions,).
 
-    The first and the last position have only one neighbour. Such a position is too far if the step to the neighbour is
-    too fast and the neighbour's other step is not: if both are too fast, it is the neighbour that is wrong. With fewer
-    than three positions none is too far, since of two positions either may be wrong.
-
-    Args:
-        time_s: ascending, (positions,). centre_m: (positions, 2).
+    The first and the last position are too far if the step to the neighbour is too fast and the neighbour's other
+    step is not. With fewer than three positions none is too far, since of two positions either may be wrong.
     """
     if time_s.size < 3:
         return np.zeros(time_s.size, dtype=np.bool_)
@@ -260,16 +240,7 @@ def too_fast(time_s: Floats, centre_m: Floats) -> Bools:
 
 
 def read_robot_log(path: Path) -> pl.DataFrame:
-    """Read a robots' log: a CSV file with the columns robot, time_s (by the robots' clock) and energy.
-
-    The other columns of ``recordings.log.SAMPLES`` are optional. Poses in the log are not read, since the camera gives
-    them. Rows without an energy are not samples, and are left out.
-
-    Returns: the columns of ``recordings.log.SAMPLES``, in which columns that were not read are null.
-    Raises:
-        InputError: the file cannot be read as CSV, a required column is missing, a cell is not a number or out of
-            range, or a sample lacks robot or time_s.
-    """
+    """Read a robots' log: columns of ``SAMPLES`` without poses; rows without an energy are left out."""
     schema = {use: one._replace(required=False) for use, one in SAMPLES.items() if use not in PLACES}
     schema |= {use: SAMPLES[use]._replace(required=True) for use in ("robot", "time_s", "energy")}
     return log_frame(read_rows(files_of(path), schema).rows)
@@ -288,19 +259,14 @@ class TrackedLog:
 def with_positions(
     tracking: Tracking, samples: pl.DataFrame, name: str, control_period_s: float = 0.0
 ) -> TrackedLog:
-    """Join the samples of a robots' log with the poses at which the camera saw the robots.
+    """Join the samples of a robots' log with the poses at which the camera saw the robots, by the robots' clock.
 
-    The times of the result are those of the robots' clock. Poses at the times of samples are interpolated. Samples
-    outside the video or in gaps of the tracking are left out. The positions seen by the camera become the log's tracks.
-    Those before time 0 of the robots' clock are left out, since a log has no negative times.
+    Poses at the times of samples are interpolated. Samples outside the video or in gaps of the tracking are left out.
+    The positions seen by the camera become the log's tracks, without those before time 0.
 
     Args:
-        tracking: what the camera saw. samples: result of ``read_robot_log``.
-        name: path of the log, for messages; the last part of the path becomes the name of the result's log.
-        control_period_s: time from a sample to the end of its stop, s. A robot samples at one control tick and drives
-            on at the next.
-    Raises:
-        InputError: the clocks cannot be matched, a robot of the log has no marker, or no sample has a position.
+        samples: result of ``read_robot_log``. name: path of the log. control_period_s: time from a sample to the end of
+            its stop, s: a robot samples at one control tick and drives on at the next.
     """
     without_marker = set(samples["robot"].unique().to_list()) - set(tracking.markers.robots.values())
     if without_marker:

@@ -46,11 +46,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def video_info(path: Path) -> tuple[tuple[int, int], float, int]:
-    """Return width and height of a video, px, frames per second, and the number of frames (0: its head states none).
-
-    Raises:
-        InputError: it is no video, has no frames, or a size or rate that is not usable.
-    """
+    """Return width and height of a video, px, frames per second, and the number of frames (0: its head states none)."""
     cv2 = opencv()
     with _opened(path) as capture:
         frames, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
@@ -69,10 +65,7 @@ def video_info(path: Path) -> tuple[tuple[int, int], float, int]:
 def frames_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, Gray]]:
     """Yield the time (s, from the first frame) and the grey picture of each frame.
 
-    Args:
-        partial: whether a video that ends early, or does not state its number of frames, is accepted.
-    Raises:
-        InputError: see ``video_info``; or after the last frame, more than ``MISSING_FRAMES`` are missing.
+    ``partial``: whether a video that ends early, or does not state its number of frames, is accepted.
     """
     cv2 = opencv()
     _, rate, frames = video_info(path)
