@@ -20,7 +20,7 @@ from vibroswarm.core.atomic_io import check_free, write_file
 from vibroswarm.errors import check_choice, named
 
 if TYPE_CHECKING:
-    from vibroswarm.lab.recordings.log import Log
+    from vibroswarm.lab.recordings.read import Log
     from vibroswarm.scenario.scenario import Scenario
 
 Folder = Annotated[Path, Option("folder of a recording (lab import)", "DIR")]

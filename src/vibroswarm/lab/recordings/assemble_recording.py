@@ -20,7 +20,7 @@ from vibroswarm.inference.outcomes import outcome_tables, with_shares
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.lab.recordings.floor_fit import check_floor
 from vibroswarm.lab.recordings.infer import Inferred, infer_settings
-from vibroswarm.lab.recordings.log import SAMPLES, Log, in_schema
+from vibroswarm.lab.recordings.read import SAMPLES, Log, in_schema
 from vibroswarm.lab.recordings.recording import PLACES as TRACKED
 from vibroswarm.lab.recordings.recording import ROWS, Recording
 from vibroswarm.localisation.locate import PLACES
