@@ -162,9 +162,9 @@ class SessionOutcome:
     decision_time_s: float | None
     """Mean over draws of the mean over robots; a robot that never decides counts with the time of its last sample. None
     if decisions are not logged or no robot has a sample; so are its quantiles."""
-    decision_time_low_s: float | None
+    decision_time_s_low: float | None
     """5 % quantile over the draws."""
-    decision_time_high_s: float | None
+    decision_time_s_high: float | None
     """95 % quantile over the draws."""
     undecided: float | None
     """Share of undecided robots; None if decisions are not logged."""
@@ -203,8 +203,8 @@ def session_outcomes(recording: Recording, replayed: Replayed) -> list[SessionOu
                 session=run + 1,
                 consensus={str(name): float(share) for name, share in shares.iter_rows()},
                 decision_time_s=float(means_s.mean()) if means_s.size else None,
-                decision_time_low_s=float(np.quantile(means_s, 0.05)) if means_s.size else None,
-                decision_time_high_s=float(np.quantile(means_s, 0.95)) if means_s.size else None,
+                decision_time_s_low=float(np.quantile(means_s, 0.05)) if means_s.size else None,
+                decision_time_s_high=float(np.quantile(means_s, 0.95)) if means_s.size else None,
                 undecided=float((own["decision"] == -1).to_numpy().mean()) if is_known else None,
                 belief_in_truth=float(belief.mean()) if belief.size else None,
             )
