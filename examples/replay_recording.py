@@ -20,13 +20,16 @@ def main(draws: int) -> None:
     """The small recordings of ``examples/lab``, which are simulated and stand for yours."""
     lab = Path(__file__).with_name("lab")
     logs = [read_log(lab / f"session-{number}.csv") for number in (1, 2)]
-    recording = recording_of(logs, Floor.filling(read_tiles(lab / "floor.txt")), preset("paper"))
+    ran = {"decision.gate": "own", "decision.min_observations": 12, "strategy.name": "positive"}
+    scenario = preset("paper").with_values(ran)
+    recording = recording_of(logs, Floor.filling(read_tiles(lab / "floor.txt")), scenario, list(ran))
     for session in logged_outcomes(recording):
         print(f"session {session.session}, as it ran: {session.consensus}, {session.undecided:.0%} undecided")
 
-    ran = recording.scenario
     for strategy in ("none", "positive", "soft"):
-        replayed = replay_recording(recording, ran.with_values({"strategy.name": strategy}), draws=draws)
+        replayed = replay_recording(
+            recording, recording.scenario.with_values({"strategy.name": strategy}), draws=draws
+        )
         for session in session_outcomes(recording, replayed):
             print(f"session {session.session}, {strategy}: {session.decision_time_s:.1f} s on average")
 

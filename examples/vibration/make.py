@@ -12,7 +12,6 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.floors.floor import place_of
-from vibroswarm.lab.recordings.spectrum import acceleration_frame
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples
 from vibroswarm.sensors.acceleration import accelerations
@@ -39,9 +38,14 @@ def make(file: Path) -> None:
     robot, sample = (rows[name].to_numpy().astype(np.int64) for name in ("robot", "sample"))
     samples = Samples(place_of(floor), floor.tiles.ravel(), x_m, y_m, time_s, robot, sample, seed=1, run=0)
     readings = accelerations(samples, scenario.sensor.params)
-    frame = acceleration_frame(robot, time_s, readings, scenario.sensor.params.rate_hz)
-    places = {name: np.repeat(values, readings.shape[2]) for name, values in (("x_m", x_m), ("y_m", y_m))}
-    frame = frame.with_columns(**places).sort("robot", "time_s")
+    count = readings.shape[2]  # (samples, axes, count)
+    before_s = np.arange(count - 1, -1, -1) / scenario.sensor.params.rate_hz
+    of_samples = {"robot": robot, "x_m": x_m, "y_m": y_m}
+    columns = {name: np.repeat(values, count) for name, values in of_samples.items()}
+    columns |= dict(zip(("ax", "ay", "az"), readings.transpose(1, 0, 2).reshape(3, -1), strict=True))
+    columns["time_s"] = (time_s[:, None] - before_s).ravel()
+    order = ("robot", "time_s", "ax", "ay", "az", "x_m", "y_m")
+    frame = pl.DataFrame(columns).select(order).sort("robot", "time_s")
     digits = {"time_s": 4, "ax": 2, "ay": 2, "az": 2, "x_m": 3, "y_m": 3}
     frame.with_columns(pl.col(name).round(count) for name, count in digits.items()).write_csv(file)
 

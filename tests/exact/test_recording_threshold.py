@@ -82,14 +82,14 @@ def test_the_share_of_ones_holds_for_other_robots(recording: Recording) -> None:
     """Five robots multiply energies by factors of their own; samples as units, the control, hold half of the truths."""
     random, found, alone = np.random.default_rng(9), [], []
     tile, robot = np.tile(np.arange(25), 30), np.repeat(np.arange(5), 150)
-    vibrating, session, far_m = tile < 12, np.zeros(750, dtype=np.int64), np.full(750, np.inf)
+    vibrating, session = tile < 12, np.zeros(750, dtype=np.int64)
     kind = stats.gamma(3.0, 0.3, 0.22), stats.gamma(4.0, 0.8, 0.25)  # still, vibrating
     factors = np.exp(0.12 * stats.norm.ppf((np.arange(1000) + 0.5) / 1000))
     q = sum(w * law.sf(1.33 / factors).mean() for w, law in zip((13 / 25, 12 / 25), kind, strict=True))
     for _ in range(200):
         own = np.exp(0.12 * random.normal(size=5))[robot]
         energy = own * np.where(vibrating, *(law.rvs(750, random_state=random) for law in kind[::-1]))
-        data = Labelled(energy, vibrating, far_m, tile, session, robot, 12 / 25)
+        data = Labelled(energy, vibrating, tile, session, robot, 12 / 25)
         decidable = at_threshold(recording, 1.33, data).decidable
         low, high = wilson_limits((energy > 1.33).sum(), 750)
         found.append(decidable.share_low <= q <= decidable.share_high)

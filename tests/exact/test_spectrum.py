@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.lab.recordings.spectrum import acceleration_frame, spectra_of
+from vibroswarm.lab.recordings.spectrum import spectra_of
 
 RATE_HZ = 350.0
 
@@ -30,7 +30,9 @@ def recorded(
             phases = rng.uniform(0, 2 * np.pi, (count, 1))
             values[:, axis] += amplitude * np.cos(2 * np.pi * hz * t + phases)
     ends_s = 5.0 + 3.0 * np.arange(count)
-    frame = acceleration_frame(np.arange(count) % 2, ends_s, values, RATE_HZ)
+    time_s = (ends_s[:, None] + np.arange(1 - readings, 1) / RATE_HZ).ravel()
+    axes = dict(zip(("ax", "ay", "az"), values.transpose(1, 0, 2).reshape(3, -1), strict=True))
+    frame = pl.DataFrame({"robot": np.repeat(np.arange(count) % 2, readings), "time_s": time_s} | axes)
     x_m = np.repeat(np.where(np.arange(count) % 2, 0.1, 0.9), readings)
     return frame.with_columns(x_m=x_m, y_m=np.full(frame.height, 0.9)).sort("robot", "time_s")
 
@@ -70,31 +72,8 @@ def test_a_magnitude_doubles_horizontal_frequencies(tmp_path: Path) -> None:
     assert line.hz == pytest.approx(40.0, abs=0.5)
 
 
-def driven(seconds: float = 60.0, y_m: float = 0.5) -> pl.DataFrame:
-    """A recording without pauses: 2 s of driving, shaken at 30 Hz, then 1 s of standing, shaken at 61 Hz."""
-    t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
-    stands = t % 3.0 >= 2.0
-    z = 9.81 + np.where(stands, np.cos(2 * np.pi * 61.0 * t), 3.0 * np.cos(2 * np.pi * 30.0 * t))
-    x_m = 0.001 * np.cumsum(np.where(stands, 0.0, 55.0 / RATE_HZ))
-    x_m += 5e-4 * np.random.default_rng(2).standard_normal(t.size)  # as a camera sees it
-    zeros = np.zeros_like(t)
-    return pl.DataFrame(
-        {"robot": zeros, "time_s": t, "ax": zeros, "ay": zeros, "az": z, "x_m": x_m, "y_m": y_m}
-    )
-
-
-def test_stops_of_a_recording_without_pauses_are_where_the_robot_stands(tmp_path: Path) -> None:
-    frame = driven()
-    found = spectra_of(file_of(frame, tmp_path), axis="z")
-    assert found.samples == 20
-    assert [round(line.hz) for line in found.whole.lines] == [61]
-    west = frame.with_columns(
-        heading_rad=pl.Series(np.resize([3.14, -3.14], frame.height))
-    )  # as it is measured
-    assert spectra_of(file_of(west, tmp_path), axis="z").samples == 20
-    # Negative controls: without places there are no stops, and a robot that turns in place does not stand.
+def test_a_recording_without_pauses_is_refused(tmp_path: Path) -> None:
+    frame = recorded([(61.3, 1.0)], []).drop("x_m", "y_m")
+    time_s = pl.int_range(pl.len()) / RATE_HZ
     with pytest.raises(InputError, match="without a pause"):
-        spectra_of(file_of(frame.drop("x_m"), tmp_path), axis="z")
-    turning = frame.with_columns(heading_rad=2.0 * pl.col("time_s"))
-    with pytest.raises(InputError, match="no two readings of a robot that stands"):
-        spectra_of(file_of(turning, tmp_path), axis="z")
+        spectra_of(file_of(frame.with_columns(robot=0, time_s=time_s), tmp_path))

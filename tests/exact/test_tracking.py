@@ -182,24 +182,6 @@ def test_clocks_are_matched_in_spite_of_missing_stops_and_other_clocks_are_refus
         clock_offset(stops, other)
 
 
-UNREFINED_PNG = (
-    "iVBORw0KGgoAAAANSUhEUgAAACcAAAAnCAAAAACpyA7pAAADk0lEQVQ4y3VUW28bRRSeMzNe780ma8duUqsNBUUJAhQolcgDT3nnua/8"
-    "P4TEM6qEQOoTCIpUlSQ0Spy2IcTxJc7au/buzOHMzjoxVRmtd3bX35zvXL5z4FtWLkCGDMz2riXZ/60FHkocmkdgi3tpUGuJGoADKPMO"
-    "8l126AQIRTdgeomXzCAwbvyzPqL5W5jPGlEUBLLkx5KQYJwTqzmNtIGFLceB1jtVGGSgDA4qUplXlParpSo846CzueKcSykUorq1V2SO"
-    "cGD8Z3x23R8kKJphFEitlXwrf+YYpYGtjq/HZ8Ocu+376yG5avnguzJOWhUUtbrvKHZ52v1rMBLu1ie+ljYz4rHBFNBcR/WTF3FY86LO"
-    "+/e82VU2UytuWUfxGEtO1/E78MP3+0e9jENwtxNMRwmPPMVv61as5L0oHJ2dpf2nax9ub91Z2Qn4Udxb82ZL9sxy2g3n5U/5l5+Ky/0/"
-    "XnT7qiGHPWhxvhRvURPfVf1+uLObHfx53H31ZGPjg3Z/PgnEjT0wi8v1MP71aRrw6MHuI+f0+PJ45SM2azUWugKrKPA877yXJU+er+98"
-    "tbnph2nGttzf/UpucQrKyio2vuribnTy2+v2g+loyoM7a6FWaRVJNYzf6iCDq1Hw2Td7oWxMTmOuvVYQteoS0XjGYQFLxno0gX8uUNRb"
-    "+cWcQdSp1pshJwn+R89inp4Prn8+29lrN0fnM+U1VlFIkpfRJMib/kpj1p9OE//rh36j20NXRjWW55nmb+kFkgk0Z3n2LOrwi2GCfqsm"
-    "U6WtY3hrb1aBh9HB4eDH/Y37bxIQtU4Ak4wJK5Il/3C68fHe6eHB0bNfklEe1FtVFc+QGzkh5Q/B5hkyOYDVLz4fnjw/OHFi1bzHe3HC"
-    "gPJM6pXIrZhRokp6eSO4u7p9+erl4d/b7rAXM54t+pcbs3RRn6mpyuo1r9nafHTeS7PXE6WAWz0v4jDdCgLnw+nUcSsCQzG+joWUizJI"
-    "KFqayEVGLcNypBAdnpsXUOCwtMyfqV5hjzIFFBNTOaaEEGaS6Iw4bvxjReRK0BPo3AgYqc1hTpiM+fOSdzF/OKPk0zATgsg5y4F+XGpV"
-    "+pcWQ5QuaUSWM0m7NMcoQE6amgslyA35psqIg8hcq3+myrzbsURe6sLKsEIiJCArdnqic+YD2L4hj9GMDsnmZcNBgQOogsFxM2sKHqfA"
-    "U7Vu5rXlnYDd3fKcWxz7F3SWtZA/zCDHAAAAAElFTkSuQmCC"
-)
-"""A drawn marker of 14 px, an edge of which OpenCV finds too few pixels of to fit a line."""
-
-
 def test_a_file_of_markers_is_read_as_it_was_written(tmp_path: Path) -> None:
     markers = usual_markers([7, 3, 9], 1.2, 0.8, size_mm=25, height_mm=31.5)
     path = tmp_path / "my markers.toml"

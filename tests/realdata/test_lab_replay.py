@@ -10,10 +10,11 @@ import pytest
 from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.lab.recordings.replay import logged_outcomes, replay_recording, session_outcomes
 
+DECIDED = {"decision.gate": "own", "decision.min_observations": 84, "strategy.name": "positive"}
+
 
 def test_as_they_ran_they_decide_as_they_did(real: Recording) -> None:
-    """Threshold, gate and strategy are those that were inferred, so this is their evidence too."""
-    replayed = replay_recording(real, real.scenario, draws=20)
+    replayed = replay_recording(real, real.scenario.with_values(DECIDED), draws=20)
     logged = logged_outcomes(real)
     for mine, theirs in zip(session_outcomes(real, replayed), logged, strict=True):
         assert mine.consensus == {"right": 1.0}
@@ -21,5 +22,7 @@ def test_as_they_ran_they_decide_as_they_did(real: Recording) -> None:
 
 
 def test_at_a_lower_threshold_session_two_goes_wrong(real: Recording) -> None:
-    lower = replay_recording(real, real.scenario.with_values({"sensor.rms_threshold": 1.4}), draws=20)
+    lower = replay_recording(
+        real, real.scenario.with_values(DECIDED | {"sensor.rms_threshold": 1.4}), draws=20
+    )
     assert session_outcomes(real, lower)[1].consensus.get("wrong", 0.0) > 0.9

@@ -12,13 +12,13 @@ from vibroswarm.cli.command_line import Option, refuse
 from vibroswarm.cli.deliver import claim, deliver, print_report, print_saved_file
 from vibroswarm.cli.inspection import size
 from vibroswarm.cli.options import Drawn, Force, Json, OutFile, Required, ScenarioOptions
-from vibroswarm.cli.scenario_options import keywords_of, scenario_from, scenario_named
+from vibroswarm.cli.scenario_options import keywords_of, scenario_from
 from vibroswarm.cli.terminal import say
 from vibroswarm.core.atomic_io import check_free, write_file
 from vibroswarm.errors import check_choice, named
 
 if TYPE_CHECKING:
-    from vibroswarm.lab.recordings.log import Log
+    from vibroswarm.lab.recordings.read import Log
     from vibroswarm.scenario.scenario import Scenario
 
 Folder = Annotated[Path, Option("folder of a recording (lab import)", "DIR")]
@@ -28,17 +28,12 @@ def import_logs(
     *logs: Annotated[
         Path, Option("one log per session, or folder of 'lab track', or of a log for each robot", "LOG")
     ],
-    reader: Annotated[str | None, Option("format of the logs (default: detected)")] = None,
     columns: Annotated[Path | None, Option("read any CSV with this column map (TOML)", "MAP")] = None,
     acceleration: Annotated[
         list[Path] | None,
         Option(
-            "recorded acceleration, one CSV per session (robot,time_s,ax,ay,az): compute energies from it, and find "
-            "samples in it if the log has places only"
+            "recorded acceleration, one CSV per session (robot,time_s,ax,ay,az), from which energies are computed"
         ),
-    ] = None,
-    known_robots: Annotated[
-        tuple[int, ...] | None, Option("numbers of the robots in the logs", "A,B", low=0)
     ] = None,
     any_floor: Annotated[bool, Option("continue if the floor does not fit the logs")] = False,
     scenario: ScenarioOptions,
@@ -46,8 +41,7 @@ def import_logs(
 ) -> None:
     """Read logs of sessions (one file each) of the same robots on one floor, into a folder that is read as a result.
 
-    Some fields of the scenario are inferred from the logs, unless options set them: threshold, gate, sample interval,
-    strategy and others.
+    Threshold and sample interval are inferred from the logs unless options set them; state how robots decide.
 
     examples:
       vibroswarm lab import day1.csv day2.csv --floor world.txt --tiles 5x5 --out lab
@@ -58,19 +52,14 @@ def import_logs(
     from vibroswarm.report.recording import of_import, write_pages
     from vibroswarm.study.options import check_one_floor, stated_fields
 
-    refuse(
-        reader is not None and columns is not None, "--reader", "conflicts with --columns; use one of them"
-    )
     made = scenario_from(scenario)
     check_one_floor(made, **keywords_of(scenario))
     stated = stated_fields(**keywords_of(scenario))
-    read, computed, files = _logs_of(logs, reader, columns, acceleration, made)
-    robots = None if known_robots is None else list(known_robots)
-    settings = (made.hash, stated, reader, robots, any_floor, files)
-    claim(output, "lab import", *settings)
+    read, computed, files = _logs_of(logs, columns, acceleration, made)
+    claim(output, "lab import", made.hash, stated, any_floor, files)
     floor = made.floor_for(0, 0)  # seed and run do not matter: the floor is not random
     with named("--floor", of="floor"):
-        recording = recording_of(read, floor, made, stated, robots=robots, any_floor=any_floor)
+        recording = recording_of(read, floor, made, stated, any_floor=any_floor)
     recording.write_into(output.out)
     pages = write_pages(recording, output.out)
     deliver(of_import(recording, computed), output, page=pages[0], is_result=True)
@@ -78,7 +67,6 @@ def import_logs(
 
 def _logs_of(
     paths: Sequence[Path],
-    reader: str | None,
     columns: Path | None,
     acceleration: Sequence[Path] | None,
     scenario: Scenario,
@@ -87,9 +75,7 @@ def _logs_of(
     from vibroswarm.lab.recordings.read import CAMERA_LOG, read_log
     from vibroswarm.lab.recordings.read_tables import files_of
 
-    logs, computed = with_energies(
-        [read_log(path, reader, columns) for path in paths], scenario, acceleration
-    )
+    logs, computed = with_energies([read_log(path, columns) for path in paths], scenario, acceleration)
     files = [file for path in paths for file in files_of(path, CAMERA_LOG)]
     more = [file for path in acceleration or () for file in files_of(path)]
     read = [*files, *([columns] if columns is not None else []), *more]
@@ -110,8 +96,7 @@ def export(
     force: Force = False,
 ) -> None:
     """Write the tables of a result (run --out) or recording as CSV."""
-    from vibroswarm.lab.recordings.export import write_csv
-    from vibroswarm.lab.recordings.recording import read_result
+    from vibroswarm.lab.recordings.recording import read_result, write_csv
 
     write_csv(read_result(folder), out, replace=force)
     print_saved_file(out)
@@ -126,11 +111,10 @@ def replay(
         "positive",
         "soft",
     ),
-    gate: Annotated[str | None, Option("observations counted for O_c: total, received or own")] = None,
     settings: Annotated[
         Sequence[str],
         Option(
-            "set a field of [sensor], [strategy] or [decision], such as rms_threshold=1.4; may be repeated",
+            "set a field of [sensor], [strategy] or [decision], such as decision.gate=own; may be repeated",
             "FIELD=VALUE",
             name="--set",
         ),
@@ -142,8 +126,8 @@ def replay(
             "FROM",
         ),
     ] = None,
-    draws: Annotated[int, Option("draws of the lost packets")] = 200,
-    seed: Annotated[int, Option("seed of the draws", "S")] = 1,
+    draws: Annotated[int, Option("draws of the lost packets", low=1)] = 200,
+    seed: Annotated[int, Option("seed of the draws", "S", low=0)] = 1,
     json: Json = False,
 ) -> None:
     """Replay strategies on the energies of a recording: what each would have decided on these observations.
@@ -153,12 +137,13 @@ def replay(
     knew them.
 
     examples:
-      vibroswarm lab replay lab --strategy none,positive,soft --gate own --set rms_threshold=1.4
+      vibroswarm lab replay lab --strategy none,positive,soft --set sensor.rms_threshold=1.4
       vibroswarm lab replay day2 --strategy places --laws day1.toml --set strategy.places.edge_reach_m=0.01
     """
     from vibroswarm.inspection.laws import law_named, with_law
     from vibroswarm.lab.recordings.recording import Recording
-    from vibroswarm.lab.recordings.replay import replay_strategies, replayed_settings
+    from vibroswarm.lab.recordings.replay import replay_strategies
+    from vibroswarm.scenario.scenario import parse_settings
     from vibroswarm.study.options import chosen
 
     for name in strategy:
@@ -168,8 +153,7 @@ def replay(
     if laws is not None:
         recording, warnings = with_law(recording, law_named(laws, draws=0))
         scenario = recording.scenario
-    changed = replayed_settings(settings, gate)
-    scenario = scenario.with_values(changed)
+    scenario = scenario.with_values(parse_settings(settings))
     replays = replay_strategies(recording, scenario, strategy, draws, seed)
     print_report(replace(replays, warnings=warnings), as_json=json)
 
@@ -187,10 +171,6 @@ def threshold(
             "--scenario (takes a minute)",
         ),
     ] = None,
-    base: Annotated[
-        str | None,
-        Option("preset or scenario file for the other fields of files (default: those of the recording)"),
-    ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -207,12 +187,14 @@ def threshold(
     from vibroswarm.lab.recordings.recording import Recording
     from vibroswarm.lab.recordings.threshold import recommend
 
-    _check_scenario_files(out, law, base, force=force)
+    refuse(law and law == out, "--law", "is also the file of --out; the law's scenario has the threshold too")
+    for path in (out, law):
+        if path is not None and not force:
+            check_free(path)
     recording = Recording.read(folder)
-    scenario = recording.scenario if base is None else scenario_named(base)
     found = recommend(recording, at)
     written = round(found.chosen.value, found.chosen.decimals)
-    scenario = scenario.with_values({"sensor.rms_threshold": written})
+    scenario = recording.scenario.with_values({"sensor.rms_threshold": written})
     if law is not None:
         fitted = law_of_recordings([recording])
         write_law(fitted, scenario, law, replace=force)
@@ -226,14 +208,6 @@ def threshold(
         f"law of the sensor with its error; vibroswarm inspect ... --laws {quote(str(law))}",
         as_json=json,
     )
-
-
-def _check_scenario_files(out: Path | None, law: Path | None, base: str | None, *, force: bool) -> None:
-    refuse(base and not out and not law, "--base", "has no effect without --out FILE or --law FILE")
-    refuse(law and law == out, "--law", "is also the file of --out; the law's scenario has the threshold too")
-    for path in (out, law):
-        if path is not None and not force:
-            check_free(path)
 
 
 def spectrum(

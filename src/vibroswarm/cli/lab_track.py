@@ -94,9 +94,9 @@ def track(
           --floor world.txt --tiles 5x5 --out tracked
     """
     from vibroswarm.lab.recordings.assemble_recording import recording_of
-    from vibroswarm.lab.recordings.read import CAMERA_LOG, camera_log_bytes
+    from vibroswarm.lab.recordings.read import camera_frame
     from vibroswarm.lab.tracking import opencv
-    from vibroswarm.lab.tracking.track import with_positions, write_tables
+    from vibroswarm.lab.tracking.track import with_positions
     from vibroswarm.study.options import stated_fields
 
     opencv()  # raises an error before any work if the package is not installed
@@ -116,6 +116,7 @@ def track(
     # A robot samples at one control tick and drives on at the next. So its stop, as the camera sees it, ends one
     # control period after the sample; ``with_positions`` needs this to match samples with stops.
     period_s = made.run.control_period_ms / 1000.0
+    tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
     tracked = None if samples is None else with_positions(tracking, samples, str(log), period_s)
     if tracked is not None:
         # ``_samples`` has refused a random floor. The floor of a file or of a pattern does not depend on seed and
@@ -124,9 +125,8 @@ def track(
         with named("--floor", of="floor"):
             recording = recording_of([tracked.log], floor, made, stated, any_floor=any_floor)
         recording.write_into(output.out)
-        (output.out / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
-    write_tables(output.out, tracking)
-    deliver(tracking, output, tracked=tracked, is_result=True)
+        tables["log"] = camera_frame(tracked.log)
+    deliver(tracking, output, tables, tracked=tracked, is_result=True)
 
 
 def _samples(log: Path | None, options: ScenarioOptions, scenario: Scenario) -> pl.DataFrame | None:

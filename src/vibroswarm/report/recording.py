@@ -177,13 +177,8 @@ def _shares(found: Sequence[SessionOutcome]) -> str:
 
 
 def _row(name: str, found: SessionOutcome) -> dict[str, Any]:
-    values = asdict(found) | {"strategy": name}
-    consensus = values.pop("consensus")
-    words = ", ".join(f"{outcome} {percent(share, None)}" for outcome, share in consensus.items())
-    renamed = {"decision_time_low_s": "decision_time_s_low", "decision_time_high_s": "decision_time_s_high"}
-    return {"session": found.session, "strategy": name, "consensus": words} | {
-        renamed.get(key, key): value for key, value in values.items() if key not in ("session", "strategy")
-    }
+    words = ", ".join(f"{outcome} {percent(share, None)}" for outcome, share in found.consensus.items())
+    return {"session": found.session, "strategy": name} | asdict(found) | {"consensus": words}
 
 
 MOST_DRAWN = 4

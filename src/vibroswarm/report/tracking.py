@@ -7,8 +7,7 @@ from functools import partial
 import polars as pl
 
 from vibroswarm.core.numbers import count, number, percent
-from vibroswarm.lab.tracking.doubts import doubts_of, floor_errors
-from vibroswarm.lab.tracking.pictures import draw_time_line, draw_tracks
+from vibroswarm.lab.tracking.pictures import draw_tracks
 from vibroswarm.lab.tracking.track import TrackedLog, Tracking
 from vibroswarm.report.report import Figure, Report, Table, report
 
@@ -16,9 +15,8 @@ from vibroswarm.report.report import Figure, Report, Table, report
 @report.register
 def of_tracking(tracking: Tracking, tracked: TrackedLog | None = None) -> Report:
     """Return what a tracking says."""
-    camera, markers, gaps, doubts = tracking.camera, tracking.markers, tracking.gaps(), doubts_of(tracking)
+    camera, markers, gaps = tracking.camera, tracking.markers, tracking.gaps()
     robots, frames = list(markers.robots.values()), tracking.detections.time_s.size
-    first_s, last_s = tracking.span_s
     of_robots = [
         {
             "robot": robot,
@@ -30,33 +28,29 @@ def of_tracking(tracking: Tracking, tracked: TrackedLog | None = None) -> Report
         for robot, edge_px in zip(robots, tracking.detections.edge_px(), strict=True)
     ]
     answer = [
-        f"{percent(tracking.share_found())} of positions found: {count(len(robots), 'robot')} in "
-        f"{count(frames, 'frame')} ({number(last_s - first_s, 0)} s).",
-        f"{count(doubts.height, 'doubt')}, {count(gaps.height, 'gap')} of more than a second, "
-        f"{count(tracking.dropped.height, 'position')} dropped.",
+        f"{percent(tracking.positions.height / (frames * len(robots)))} of positions found: "
+        f"{count(len(robots), 'robot')} in "
+        f"{count(frames, 'frame')} ({number(float(tracking.detections.time_s[-1]), 0)} s).",
+        f"{count(gaps.height, 'gap')} of more than a second, {count(tracking.dropped, 'position')} dropped.",
     ]
     if tracked is not None:
-        offset = tracked.offset
+        offset, samples = tracked.offset, tracked.log.samples.height + tracked.unseen
         answer.append(
             f"The robots' clock is {number(offset.offset_s, 3, sign=True)} s ahead of the video's (standard error "
-            f"{number(1000 * offset.error_s, 1)} ms); {offset.pairs} of {count(offset.samples, 'sample')} match a "
-            f"stop, {tracked.outside + tracked.unseen} have no position."
+            f"{number(1000 * offset.error_s, 1)} ms); {offset.pairs} of {count(samples, 'sample')} match a "
+            f"stop, {tracked.unseen} have no position."
         )
     return Report(
         title=f"Tracking of {tracking.video.name}",
         answer=tuple(answer),
         parts={
-            "doubts": Table(doubts, "What is doubtful"),
             "tracks": Figure(
                 partial(draw_tracks, tracking.positions, tracking.stops, markers.floor),
                 "Where robots were seen",
             ),
-            "time_line": Figure(
-                partial(draw_time_line, robots, gaps, tracking.stops, tracking.span_s),
-                "When robots were seen",
-            ),
             "robots": Table(pl.DataFrame(of_robots), "Robots"),
-            "floor_markers": Table(floor_errors(tracking), "Markers of the floor", folded=True),
+            "gaps": Table(gaps, "When robots were not seen"),
+            "floor_markers": Table(tracking.floor_errors(), "Markers of the floor", folded=True),
         },
         setting=f"Camera {number(float(camera.position_m[2]), 2)} m above the floor, lens fitted to "
         f"{'a chessboard' if camera.calibrated else 'the markers in the video'}; corners of the floor's markers met to "

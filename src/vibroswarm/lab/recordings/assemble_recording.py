@@ -1,27 +1,26 @@
 """Make a recording from the logs of sessions: its tables, its settings, and what is inferred from the logs.
 
-Between known positions a robot's path is taken as a straight line; the table of poses has those
-positions. The heading at one is the direction of the line that begins there, since most logs have no headings. It is
-not known whether a robot turned or avoided between two positions, so every kind is ``drive``, except for stops.
+Between known positions a robot's path is a straight line, on which the heading is its direction. It is not known
+whether a robot turned or avoided between two positions, so every kind is ``drive``, except for stops.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.errors import InputError, number_of
+from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.outcomes import outcome_tables, with_shares
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.lab.recordings.floor_fit import check_floor
 from vibroswarm.lab.recordings.infer import Inferred, infer_settings
-from vibroswarm.lab.recordings.log import SAMPLES, Log
+from vibroswarm.lab.recordings.read import SAMPLES, Log, in_schema
 from vibroswarm.lab.recordings.recording import PLACES as TRACKED
 from vibroswarm.lab.recordings.recording import ROWS, Recording
 from vibroswarm.localisation.locate import PLACES
@@ -31,8 +30,6 @@ from vibroswarm.result import RECORDED, change_frame, floor_frame
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import versions
 
-USUAL_AGE_S: Final = 0.25
-"""A sample's position that was seen longer before the sample than this is counted as old."""
 APART_S: Final = 60.0
 """If the rows of a robot are usually farther apart than this, times are probably not in seconds."""
 STANDING_M: Final = 0.002
@@ -50,7 +47,6 @@ COUNTED: Final = {
     "counters_wrapped": "wraps of counters: unwrapped",
     "tracking_gaps": "gaps in tracking of more than half a second: interpolated linearly",
     "tracking_gap_longest_s": "s, the longest such gap",
-    "positions_old": "samples with a position older than the usual quarter of a second",
     "off_the_floor": "samples off all tiles; if these are many, state arena.width_m and arena.height_m",
     "rows_apart_s": "s usually between two rows of a robot: times must be in seconds",
 }
@@ -63,35 +59,23 @@ def recording_of(
     scenario: Scenario,
     stated: Sequence[str] = (),
     *,
-    robots: Sequence[int] | None = None,
     any_floor: bool = False,
 ) -> Recording:
     """Make a recording from logs of sessions of the same robots on one floor; run 0 is the first log.
 
     Args:
-        logs: as their readers returned them. floor: the floor of all sessions.
-        scenario: a preset, in which the fields that the user knows of these sessions are set.
-        stated: names of the fields of ``scenario`` that the user set; their values override inferred values.
-        robots: numbers of the robots in the logs; None: every robot that a log has, and all logs must have the same.
+        scenario: a preset, in which the fields ``stated`` of these sessions are set; they override inferred values.
         any_floor: whether to accept a floor that does not fit the energies.
-    Raises:
-        InputError: no log, a log without samples, logs of different robots, a setting of a log that the scenario
-            refuses, or a floor that does not fit.
     """
     if not logs:
         raise InputError("give at least one log", field="LOG")
-    names = _robots_of(logs, robots)
-    inferred = infer_settings(
-        logs,
-        prior=(scenario.decision.prior_alpha, scenario.decision.prior_beta),
-        eta=scenario.strategy.table("soft").eta,
-        kappa=scenario.strategy.table("soft").kappa,
-        stop_s=_stop_s(scenario, stated, logs),
+    names = _robots_of(logs)
+    described, inferred, all_stated = _described(scenario, stated, logs, floor, robots=len(names))
+    sessions, about = zip(
+        *(_session(run, log, names, described, floor) for run, log in enumerate(logs)), strict=True
     )
-    described, stated = _described(scenario, list(stated), logs, inferred, floor, robots=len(names))
-    sessions = [_session(run, log, names, described, floor) for run, log in enumerate(logs)]
     # The tables of all sessions, one below the other.
-    tables = {name: pl.concat([one.tables[name] for one in sessions]) for name in sessions[0].tables}
+    tables = {name: pl.concat([one[name] for one in sessions]) for name in sessions[0]}
     # All three tables have a row per sample, in the same order.
     samples = tables["motion"].with_columns(
         energy=tables["rows"]["energy"], observation=tables["observations"]["observation"]
@@ -102,8 +86,7 @@ def recording_of(
     if tables["places"].is_empty():
         del tables["places"]
     floors = dict.fromkeys(range(len(logs)), floor)
-    finals = pl.concat([one.finals for one in sessions])
-    robot_frame, runs = _outcomes(described, floors, finals, tables["ends"])
+    robot_frame, runs = _outcomes(described, floors, tables.pop("finals"), tables["ends"])
     return Recording(
         scenario=described,
         seed=None,
@@ -115,88 +98,56 @@ def recording_of(
         source=f"{RECORDED} ({', '.join(sorted({log.reader for log in logs}))})",
         versions=versions(),
         names=names,
-        sessions=tuple(one.about for one in sessions),
-        stated=tuple(stated),
+        sessions=about,
+        stated=all_stated,
         inferred=tuple(setting._asdict() for setting in inferred),
         floor_words=floor_words,
     )
 
 
-def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, ...]:
-    """Return the numbers of the robots, ascending: ``robots``, or if it is None, those of the logs.
-
-    Raises:
-        InputError: a log has no samples, or other robots than the first, or than ``robots``.
-    """
+def _robots_of(logs: Sequence[Log]) -> tuple[int, ...]:
+    # The numbers of the robots, ascending, which are those of every log.
     by_log = [{*log.samples["robot"], *log.tracks["robot"]} for log in logs]
     for log, numbers in zip(logs, by_log, strict=True):
         if log.samples.is_empty():
             raise InputError("has no sample (a row with an energy, or with an observation)", field=log.name)
-        if (robots is None and numbers != by_log[0]) or log.robots != logs[0].robots:
+        if numbers != by_log[0] or log.robots != logs[0].robots:
             raise InputError(
-                f"has robots {_listed(log.robots or numbers)}, and '{logs[0].name}' "
-                f"{_listed(logs[0].robots or by_log[0])}; sessions of one recording must have the same robots",
+                f"has robots {sorted(log.robots or numbers, key=str)}, and '{logs[0].name}' "
+                f"{sorted(logs[0].robots or by_log[0], key=str)}; sessions of one recording must have the same robots",
                 field=log.name,
             )
-        if robots is not None and numbers.difference(robots):
-            raise InputError(
-                f"has robots {_listed(numbers)}, and there are {_listed(robots)}", field=log.name
-            )
-    return tuple(sorted(robots if robots is not None else by_log[0]))
-
-
-def _listed(robots: Iterable[object]) -> str:
-    return ", ".join(map(str, sorted(robots, key=str)))
-
-
-def _stop_s(scenario: Scenario, stated: Sequence[str], logs: Sequence[Log]) -> float:
-    """Return the duration of a stop that the user or, failing that, the last log to do so states, s."""
-    name = "sample.stop_ms"
-    of_logs = [] if name in stated else [log.settings[name] for log in logs if name in log.settings]
-    return number_of([scenario[name], *of_logs][-1], name) / 1000.0
+    return tuple(sorted(by_log[0]))
 
 
 def _described(
-    scenario: Scenario,
-    stated: list[str],
-    logs: Sequence[Log],
-    inferred: Sequence[Inferred],
-    floor: Floor,
-    robots: int,
-) -> tuple[Scenario, list[str]]:
-    """Return the scenario that describes the sessions, and the names of its stated fields.
-
-    A value that the user stated overrides one that a log states (of several logs, the last). Both override an inferred
-    value.
-    The floor, the number of robots and the end of the run are always those of the sessions.
-
-    Args:
-        scenario: with the values that the user stated. stated: names of these fields. logs: after ``in_order``.
-        inferred: settings inferred from the logs. floor: the floor of all sessions. robots: number of robots.
-    Raises:
-        InputError: the scenario refuses a value.
-    """
+    scenario: Scenario, stated: Sequence[str], logs: Sequence[Log], floor: Floor, robots: int
+) -> tuple[Scenario, list[Inferred], tuple[str, ...]]:
+    """User's values override those of logs (of several, the last); both override inferred ones."""
+    of_logs = {name: value for log in logs for name, value in log.settings.items() if name not in stated}
+    scenario = scenario.with_values(of_logs)
+    prior = scenario.decision.prior_alpha, scenario.decision.prior_beta
+    inferred = infer_settings(logs, prior, scenario.sample.stop_ms / 1000.0)
+    stated = (*stated, *of_logs, "swarm.robots")
     values: dict[str, Any] = {
         setting.name: setting.value
         for setting in inferred
         if setting.value is not None and setting.name not in stated
     }
-    values |= {name: value for log in logs for name, value in log.settings.items() if name not in stated}
-    end_s = max(_end_of(log) for log in logs)
+    end_s = float(np.ceil(max(_end_of(log) for log in logs)))
     values |= {
         "floor.source": floor.name or "floor",
         "floor.tiles": rows_of(floor.tiles),
         "floor.tile_width_m": floor.tile_width_m,
         "floor.tile_height_m": floor.tile_height_m,
         "swarm.robots": robots,
-        "run.t_end_s": float(np.ceil(end_s)),
+        "run.t_end_s": end_s,
         "run.stop": "t_end",
     }
     # The battery of a preset says nothing of these robots, and must last longer than a run.
-    if "robot.battery_life_s" not in [*stated, *values]:
-        values["robot.battery_life_s"] = max(scenario.robot.battery_life_s, float(np.ceil(end_s)) + 1.0)
-    from_log = [name for log in logs for name in log.settings]
-    return scenario.with_values(values), list(dict.fromkeys([*stated, *from_log, "swarm.robots"]))
+    if "robot.battery_life_s" not in stated:
+        values["robot.battery_life_s"] = max(scenario.robot.battery_life_s, end_s + 1.0)
+    return scenario.with_values(values), inferred, tuple(dict.fromkeys(stated))
 
 
 def _end_of(log: Log) -> float:
@@ -204,31 +155,10 @@ def _end_of(log: Log) -> float:
     return max(float(frame["time_s"].max() or 0.0) for frame in (log.samples, log.tracks))  # type: ignore[arg-type]
 
 
-def rows_apart_s(rows: pl.DataFrame, least_s: float = APART_S) -> float:
-    """Return the median time between two rows (robot, time_s) of a robot, s; 0 if it is not over ``least_s``."""
-    between_s = rows.sort("time_s").select(pl.col("time_s").diff().over("robot")).drop_nulls().to_series()
-    apart_s = float(np.median(between_s)) if between_s.len() else 0.0
-    return round(apart_s, 6) if apart_s > least_s else 0.0
-
-
-class _Session(NamedTuple):
-    """What a log tells about one session."""
-
-    tables: dict[str, pl.DataFrame]
-    """motion, ends, poses, observations, inference, rows, tracks and places of a recording."""
-    finals: pl.DataFrame
-    """Final states of robots, ``inference.agents.FINALS``."""
-    about: dict[str, Any]
-    """Entry of ``Recording.sessions``: log and reader, names of robots, and what was counted."""
-
-
-def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floor: Floor) -> _Session:
-    """Convert the log of one session to the tables of a recording.
-
-    Args:
-        run: number of the session. names: for robots 0, 1, ... their numbers in the log.
-        scenario: describes the sessions. floor: the floor of the session.
-    """
+def _session(
+    run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floor: Floor
+) -> tuple[dict[str, pl.DataFrame], dict[str, Any]]:
+    """Return the tables of one session, with the robots' final states, and its entry of ``Recording.sessions``."""
     robot = pl.col("robot").replace_strict({name: k for k, name in enumerate(names)}, return_dtype=pl.UInt16)
     of_run = pl.lit(run, dtype=pl.UInt32).alias("run")
     frame = log.samples.with_columns(of_run, robot=robot).sort("time_s", "robot")
@@ -239,57 +169,44 @@ def _session(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, flo
     paths = []
     for k in range(len(names)):
         samples, track, seen = (table.filter(robot=k) for table in (frame, tracks, camera))
-        paths.append(_path(run, k, samples, track, seen, log))
-    poses, ends = zip(*paths, strict=True)
+        paths.append(_poses_of(run, k, _knots_of(track, seen, samples), samples))
+    poses = pl.concat(paths)
+    ends = poses.unique("robot", keep="last", maintain_order=True).with_columns(end_s=_end_of(log))
     # The latest position of the robot that a camera saw at the time of each sample; null: there is none.
     latest = camera.select("robot", "time_s", tracked_s="time_s").sort("time_s")
     rows = frame.join_asof(latest, on="time_s", by="robot", check_sortedness=False)
     rows = rows.with_columns(position_age_s=pl.col("time_s") - pl.col("tracked_s"))
     observations = _observations(frame, scenario, floor)
     tables = {
-        "motion": _in_schema(frame, MOTION),
-        "ends": pl.concat(ends),
-        "poses": pl.concat(poses).cast(pl.Schema(POSES)),
+        "motion": in_schema(frame, MOTION),
+        "ends": in_schema(ends, ENDS),
+        "poses": poses.cast(pl.Schema(POSES)),
         "observations": observations,
-        "inference": _in_schema(frame, INFERENCE),
-        "rows": _in_schema(rows, ROWS),
-        "tracks": _in_schema(tracks, TRACKED),
+        "inference": in_schema(frame, INFERENCE),
+        "rows": in_schema(rows, ROWS),
+        "tracks": in_schema(tracks, TRACKED),
         "places": _own_places(frame),
+        "finals": _finals(run, frame, len(names)),
     }
+    seen_s = pl.concat([one.select("robot", "time_s") for one in (log.samples, log.tracks)]).sort("time_s")
+    between_s = seen_s.select(pl.col("time_s").diff().over("robot")).drop_nulls().to_series()
+    apart_s = float(np.median(between_s)) if between_s.len() else 0.0
     gaps_s = camera.select(pl.col("time_s").diff().over("robot")).to_series()
     gaps_s = gaps_s.filter(gaps_s > GAP_S)
     counts = {
         "samples_lost": int(frame["lost_before"].sum()),
         "tracking_gaps": gaps_s.len(),
         "tracking_gap_longest_s": round(float(gaps_s.max() or 0.0), 6),  # type: ignore[arg-type]
-        "positions_old": int((rows["position_age_s"] > USUAL_AGE_S).sum()),
         "off_the_floor": int((observations["tile"] < 0).sum()),
-        "rows_apart_s": rows_apart_s(
-            pl.concat([one.select("robot", "time_s") for one in (log.samples, log.tracks)])
-        ),
+        "rows_apart_s": round(apart_s, 6) if apart_s > APART_S else 0.0,
     }
-    about = {
-        "log": log.name,
-        "reader": log.reader,
-        "robots": dict(log.robots),
-        "told": {**log.counts, **counts},
-    }
-    return _Session(tables, _finals(run, frame, len(names)), about)
-
-
-def _in_schema(frame: pl.DataFrame, schema: Mapping[str, Any]) -> pl.DataFrame:
-    """Return the columns of a schema, in its types."""
-    return frame.select(pl.col(name).cast(kind) for name, kind in schema.items())
+    told = {**log.counts, **counts}
+    return tables, {"log": log.name, "reader": log.reader, "robots": dict(log.robots), "told": told}
 
 
 def _with_intervals(frame: pl.DataFrame, usual_stop_s: float) -> pl.DataFrame:
-    """Add the number of each sample, its stop, the avoidance since the sample before, and the samples lost before it.
-
-    Args:
-        frame: samples of a session, by time. usual_stop_s: duration of a stop that is not logged.
-    """
+    """Add the number of each sample, its stop, the avoidance since the one before, and the samples lost."""
     # The number of a sample is that of the messages sent before it, or if that is not logged, of the rows before it.
-    # ``in_order`` has checked that a robot's rows all have the number of messages or none, and that it grows.
     rows_before = pl.int_range(pl.len(), dtype=pl.Int64).over("robot")
     frame = frame.with_columns(sample=pl.coalesce("sent", rows_before).cast(pl.UInt32))
 
@@ -314,49 +231,20 @@ def _with_intervals(frame: pl.DataFrame, usual_stop_s: float) -> pl.DataFrame:
         avoid_s=pl.coalesce(avoid_s, pl.when(is_first).then("avoid_total_s")).cast(pl.Float32),
         # Before a robot's first row the number is -1, so that samples lost from number 0 on are counted.
         lost_before=(since_before(number, -1) - 1).cast(pl.UInt32),
-        # A ``Log`` has no times of driving and turning.
-        drive_s=pl.lit(None, dtype=pl.Float32),
-        blocked_s=pl.lit(None, dtype=pl.Float32),
-        turn_s=pl.lit(None, dtype=pl.Float32),
     )
 
 
 def _own_places(frame: pl.DataFrame) -> pl.DataFrame:
     """Return where the robots believed that they sampled; empty if their log does not say it."""
     own = {name.removeprefix("place_"): pl.col(name) for name in SAMPLES if name.startswith("place_")}
-    # Places smoothed later are not logged.
-    later = {name: pl.lit(None) for name in PLACES if name.startswith("lagged")}
     known = frame.drop_nulls("place_spread_m").with_columns(
-        **own, **later, heading_rad=pl.col("heading_rad").fill_null(0.0)
+        **own, heading_rad=pl.col("heading_rad").fill_null(0.0)
     )
-    return _in_schema(known, PLACES)
-
-
-def _path(
-    run: int, robot: int, samples: pl.DataFrame, track: pl.DataFrame, seen: pl.DataFrame, log: Log
-) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the poses of one robot in a session, and its final one, a row of the table of ends.
-
-    Args:
-        samples: samples of the robot, by time. track: its tracked positions, by time. seen: those of a camera.
-    Raises:
-        InputError: the robot has no rows.
-    """
-    knots = _knots_of(track, seen, samples)
-    if knots.is_empty():
-        raise InputError(f"robot {robot} of {len(log.robots) or 'those known'} has no rows", field=log.name)
-    poses = _poses_of(run, robot, knots, samples)
-    last = poses.select("run", "robot", "heading_rad").tail(1).hstack(knots.select("x_m", "y_m").tail(1))
-    # Whether the robot stands at the end is not known.
-    end = last.with_columns(end_s=pl.lit(_end_of(log)), stop_start_s=pl.lit(None))
-    return poses, _in_schema(end, ENDS)
+    return in_schema(known, PLACES)
 
 
 def _knots_of(track: pl.DataFrame, seen: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """Return the known positions of one robot: time_s, x_m, y_m, by time.
-
-    They are those of a camera; without one also those of its samples, at the start and at the end of each stop.
-    """
+    """The positions of a camera; without one also those of samples, at the start and at the end of each stop."""
     names = ["time_s", "x_m", "y_m"]
     if seen.height:
         return seen.select(names)
@@ -370,10 +258,8 @@ def _knots_of(track: pl.DataFrame, seen: pl.DataFrame, samples: pl.DataFrame) ->
 
 
 def _poses_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """Return the table of poses of one robot, at its known positions.
-
-    Until the time of its first position the robot stands there. The kind is "stop" if the middle of the time to the
-    next position lies between the start of a stop and the sample at the end of this stop; otherwise it is "drive".
+    """Until the time of its first position the robot stands there. The kind is "stop" if the middle of the time to the
+    next position lies between the start of a stop and the sample at its end.
     """
     time, x, y = (knots[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
     if time[0] > 0.0:
@@ -397,10 +283,7 @@ def _poses_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame) 
 
 
 def _courses(x: Floats, y: Floats) -> Floats:
-    """Return the heading from each position to the next, rad, (positions,).
-
-    A standing robot has the heading of its latest move; before its first one that of this move, or 0 without any.
-    """
+    """A standing robot has the heading of its latest move; before its first one that of this move, or 0."""
     dx, dy = np.diff(x), np.diff(y)
     moves = np.hypot(dx, dy) >= STANDING_M
     heading = pl.Series(np.append(np.where(moves, np.arctan2(dy, dx), np.nan), np.nan)).fill_nan(None)
@@ -408,78 +291,49 @@ def _courses(x: Floats, y: Floats) -> Floats:
 
 
 def _observations(frame: pl.DataFrame, scenario: Scenario, floor: Floor) -> pl.DataFrame:
-    """Return the table of observations: for each sample the tile below (-1: none), its energy and its bit.
-
-    A bit that is not logged is computed as E > theta_E.
-    """
-    x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), scenario.arena.size_m)
+    """A bit that is not logged is computed as E > theta_E."""
+    # Positions on a wall, to which cameras clip markers, are moved a nanometre inside, so that they lie on a tile.
+    x, y = (
+        np.where(np.abs(at - whole) < EDGE_M, whole - EDGE_M, np.where(np.abs(at) < EDGE_M, EDGE_M, at))
+        for at, whole in zip(frame.select("x_m", "y_m").to_numpy().T, scenario.arena.size_m, strict=True)
+    )
     read = (frame["energy"] > scenario.sensor.rms_threshold).cast(pl.Int64)
     tile = pl.Series(floor.tile_at(x, y))
-    return _in_schema(
+    return in_schema(
         frame.with_columns(tile=tile, observation=pl.coalesce("observation", read)), OBSERVATIONS
     )
 
 
-def inside(x_m: Any, y_m: Any, size_m: tuple[float, float]) -> tuple[Any, Any]:
-    """Move positions on a wall a nanometre inside, so that they lie on a tile; return x and y, m.
-
-    Logs have such positions, since the camera clips a marker to the arena, and so has a raster that begins at an edge.
-
-    Args:
-        x_m, y_m: positions, m, arrays of the same shape. size_m: distance between the walls along x and along y.
-    """
-    x, y = (
-        np.where(np.abs(at - whole) < EDGE_M, whole - EDGE_M, np.where(np.abs(at) < EDGE_M, EDGE_M, at))
-        for at, whole in zip((x_m, y_m), size_m, strict=True)
-    )
-    return x, y
-
-
 def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
-    """Return the final state of each robot of a session, with the columns ``inference.agents.FINALS``.
-
-    The decision time of a robot that ends with a decision is that of the first sample after which its decision does
-    not change any more. Its ``belief_below`` is the belief at this sample, as in the result of a simulation; that of
-    any other robot is the belief at its last sample. A robot without samples is undecided, and its posterior is null.
-    The number of samples includes those whose rows were lost.
-
-    Args:
-        run: number of the session. frame: samples of the session, by time. robots: number of robots.
+    """The decision time of a robot that ends with a decision is that of the first sample after which its decision
+    does not change any more; its ``belief_below`` is the belief there. The number of samples includes those whose
+    rows were lost.
     """
-    rows: list[dict[str, Any]] = []
-    for robot in range(robots):
-        own = frame.filter(pl.col("robot") == robot)
-        row: dict[str, Any] = {"run": run, "robot": robot, "samples": 0, "decision": -1}
-        if own.height:
-            last = own.row(-1, named=True)
-            row |= {name: last[name] for name in FINALS if name in last}
-            row["samples"] = last["sample"] + 1
-        if row["decision"] in (0, 1):
-            # The robot decided finally at the first such sample after the last one with another decision. A decision
-            # that is not logged (null) is neither.
-            logged = own.filter(pl.col("decision").is_not_null())
-            others = (logged["decision"] != row["decision"]).arg_true()
-            decided = logged.row(0 if others.is_empty() else others[-1] + 1, named=True)
-            row |= {
-                "decision_time_s": decided["time_s"],
-                "belief_at_decision": decided["belief_below"],
-                "belief_below": decided["belief_below"],
-            }
-        rows.append(row)
-    return pl.DataFrame(rows, schema=FINALS)
+    decision = pl.col("decision")
+    logged = frame.with_columns(final=decision.last().over("robot")).filter(
+        pl.col("final").is_in([0, 1]), decision.is_not_null()
+    )
+    others_follow = (decision != pl.col("final")).cum_sum(reverse=True).over("robot") > 0
+    decided = logged.filter(~others_follow).unique("robot", keep="first", maintain_order=True)
+    decided = decided.select("robot", decision_time_s="time_s", belief_at_decision="belief_below")
+    last = frame.unique("robot", keep="last").with_columns(samples=pl.col("sample") + 1)
+    every = pl.DataFrame({"robot": range(robots)}, schema={"robot": pl.UInt16})
+    states = every.join(last, on="robot", how="left").join(decided, on="robot", how="left")
+    has_decided = pl.col("decision_time_s").is_not_null()
+    states = states.sort("robot").with_columns(
+        run=pl.lit(run),
+        samples=pl.col("samples").fill_null(0),
+        decision=pl.when(pl.col("samples").is_null()).then(-1).otherwise(decision),
+        belief_below=pl.when(has_decided).then("belief_at_decision").otherwise("belief_below"),
+    )
+    return in_schema(states, FINALS)
 
 
 def _outcomes(
     scenario: Scenario, floors: Mapping[int, Floor], finals: pl.DataFrame, ends: pl.DataFrame
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Compute the tables of robots and of runs of a recording from the final states of the robots.
-
-    If the decision of any robot of a run is not logged, the run's consensus and its numbers of right, wrong and
+    """If the decision of any robot of a run is not logged, the run's consensus and its numbers of right, wrong and
     undecided robots are null.
-
-    Args:
-        finals: from ``_finals``, of all sessions. ends: the table of ends. Both have a row for each robot of each
-            session, ordered by session and robot.
     """
     # The tables are computed with -1 for a decision that is not logged. Below, the table of robots gets the null back.
     known = finals.with_columns(pl.col("decision").fill_null(-1))

@@ -1,17 +1,13 @@
 """Test whether the energies of a log were read on a given floor, or on one of its rotations or mirror images.
 
-| name | symbol | equation |
-|---|---|---|
-| energy of a tile | m_t | mean of ln E over the samples on tile t; of bits, their mean |
-| contrast | C | mean of m_t over vibrating tiles minus mean over still tiles, of the tiles that were sampled |
-| p-value | p | share of random floors whose contrast is at least C |
-
-A random floor has the same number of vibrating tiles among those that were sampled. Each tile counts once, however
-often it was sampled, because neighbouring samples are not independent.
+The contrast C is the mean of m_t over vibrating tiles minus that over still ones, with m_t the mean of ln E (of bits,
+their mean) over the samples on tile t. p is the share of random floors, with as many vibrating tiles among those
+sampled, whose contrast is at least C. Each tile counts once, because neighbouring samples are not independent.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,8 +21,8 @@ from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 
+Tiles = NDArray[np.uint8]
 FLOORS: Final = 20_000
-"""Number of random floors."""
 UNLIKELY: Final = 0.01
 """A floor with a p-value below this fits, if no other orientation fits better."""
 LIKELY: Final = 0.001
@@ -35,57 +31,41 @@ AGAINST: Final = 10.0
 """Another orientation is taken as the right one if its p-value is below ``LIKELY``, and smaller than that of the floor
 as given by more than the factor ``AGAINST``."""
 
-ORIENTATIONS: Final = (
-    "as it is",
-    "turned by 90 degrees anticlockwise",
-    "turned by 180 degrees",
-    "turned by 90 degrees clockwise",
-    "mirrored left to right",
-    "mirrored top to bottom",
-    "mirrored along the diagonal from the top left",
-    "mirrored along the diagonal from the top right",
-)
-"""Orientations of a floor that are compared, in words."""
+ORIENTATIONS: Final[dict[str, Callable[[Tiles], Tiles]]] = {
+    "as it is": lambda tiles: tiles,
+    "turned by 90 degrees anticlockwise": np.rot90,
+    "turned by 180 degrees": lambda tiles: np.rot90(tiles, 2),
+    "turned by 90 degrees clockwise": lambda tiles: np.rot90(tiles, 3),
+    "mirrored left to right": np.fliplr,
+    "mirrored top to bottom": np.flipud,
+    "mirrored along the diagonal from the top left": np.transpose,
+    "mirrored along the diagonal from the top right": lambda tiles: np.rot90(tiles, 2).T,
+}
 
 
 @dataclass(frozen=True)
 class FloorFit:
-    """Fit of one orientation of a floor."""
+    """Fit of one orientation of a floor: contrast C, and p-value."""
 
     orientation: str
-    """One of ``ORIENTATIONS``."""
     contrast: float
-    """C: mean of m_t (which is in ln of the energy) over vibrating tiles minus that over still tiles."""
     probability: float
-    """p-value: probability that a random floor fits as well."""
 
 
-def turned(tiles: NDArray[np.uint8], orientation: str) -> NDArray[np.uint8]:
-    """Return the tiles rotated or mirrored as one of ``ORIENTATIONS`` says.
-
-    Args:
-        tiles: of a floor, (rows, columns).
-    Returns: the tiles, (rows, columns), or (columns, rows) after a quarter turn or a mirroring along a diagonal.
-    """
-    k = ORIENTATIONS.index(orientation)
-    if k < 4:  # the first four are rotations by k quarter turns
-        return np.rot90(tiles, k)
-    # The last four are mirrorings, in the order of ``ORIENTATIONS``.
-    mirrored = (np.fliplr(tiles), np.flipud(tiles), tiles.T, np.rot90(tiles, 2).T)
-    return mirrored[k - 4]
+def turned(tiles: Tiles, orientation: str) -> Tiles:
+    """Return the tiles of a floor, (rows, columns), rotated or mirrored as one of ``ORIENTATIONS`` says."""
+    return ORIENTATIONS[orientation](tiles)
 
 
 def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
     """Compute how well a floor fits the energies in each orientation, sorted by falling contrast.
 
-    An orientation is left out if the rotated grid has another shape, or if all sampled tiles would be of one kind.
+    None if fewer than four tiles were sampled, or if the floor has still tiles only, vibrating ones only, or other
+    kinds.
 
     Args:
-        samples: a table with the columns x_m, y_m, energy and observation. The bits observed count if no sample has an
-            energy, and energies that are bits count as such. Samples off all tiles, or with an energy of 0 among other
-            energies, do not count.
-    Returns: the fits; none if fewer than four tiles were sampled, or if the floor has still tiles only, vibrating ones
-        only, or other kinds.
+        samples: with the columns x_m, y_m, energy and observation; observations count if no sample has an energy.
+            Samples off all tiles, or with an energy of 0 among other energies, do not count.
     """
     tile = floor.tile_at(samples["x_m"].to_numpy(), samples["y_m"].to_numpy())
     has_energies = samples["energy"].count() > 0
@@ -99,8 +79,6 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
         return []
     mean = total[seen] / count[seen]
     fits = []
-    # Contrasts of random floors by their number of vibrating tiles among those sampled; orientations may share it.
-    random_contrasts: dict[int, Floats] = {}
     for orientation in ORIENTATIONS:
         tiles = turned(floor.tiles, orientation)
         if tiles.shape != floor.tiles.shape:
@@ -108,24 +86,16 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
         vibrates = tiles.ravel()[seen] == 1
         if not vibrates.any() or vibrates.all():
             continue
-        number = int(vibrates.sum())
-        if number not in random_contrasts:
-            random_contrasts[number] = _random_contrasts(mean, number)
         contrast = float(mean[vibrates].mean() - mean[~vibrates].mean())
         # Random floors that fit as well or better; equal contrasts may differ by rounding.
-        above = int((random_contrasts[number] >= contrast - 1e-12).sum())
+        above = int((_random_contrasts(mean, int(vibrates.sum())) >= contrast - 1e-12).sum())
         # The floor itself counts as one of the random floors, so that p is never 0.
         fits.append(FloorFit(orientation, contrast, probability=(above + 1) / (FLOORS + 1)))
     return sorted(fits, key=lambda fit: -fit.contrast)
 
 
 def _random_contrasts(mean: Floats, ones: int) -> Floats:
-    """Compute the contrasts of random floors with ``ones`` vibrating tiles among those sampled, (``FLOORS``,).
-
-    Args:
-        mean: m_t, the mean of ln E, of each sampled tile, (tiles,). ones: number of vibrating tiles among them, above 0
-            and below the number of tiles.
-    """
+    """Compute the contrasts of random floors with ``ones`` vibrating tiles among those sampled, (``FLOORS``,)."""
     # Seed, run and robot are 0: the same random floors for every log.
     u = uniforms(0, 0, 0, Purpose.BOOTSTRAP, FLOORS * mean.size).reshape(FLOORS, mean.size)
     # The tiles with the smallest uniform numbers vibrate: every set of ``ones`` tiles has the same probability.
@@ -135,15 +105,7 @@ def _random_contrasts(mean: Floats, ones: int) -> Floats:
 
 
 def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
-    """Test whether a floor fits the energies of samples, and return the result as a sentence.
-
-    The sentence says that the floor fits, or that the test is inconclusive.
-
-    Args:
-        samples: as for ``floor_fits``, with time_s; those after a change of the floor do not count.
-    Raises:
-        InputError: no sample lies on the floor, or it fits clearly better if it is rotated or mirrored.
-    """
+    """Return whether a floor fits, as a sentence; refuse one that fits clearly better rotated or mirrored."""
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     if (floor.tile_at(x, y) < 0).all():
         raise InputError(
@@ -155,7 +117,7 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
     if floor.is_changing:
         samples = samples.filter(pl.col("time_s") < floor.changes.time_s[0])
     fits = floor_fits(floor, samples)
-    as_given = next((fit for fit in fits if fit.orientation == ORIENTATIONS[0]), None)
+    as_given = next((fit for fit in fits if fit.orientation == "as it is"), None)
     if as_given is None:
         return "The fit of the floor is inconclusive: too few of its tiles were sampled, or they are of one kind."
     best = fits[0]

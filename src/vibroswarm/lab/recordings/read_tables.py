@@ -29,7 +29,7 @@ import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple, TypeVar
 
 import polars as pl
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -49,10 +49,10 @@ UNITS: Final = (
 ACCELERATIONS: Final = ("ax", "ay", "az")
 """Columns whose unit is not in their name; it is that of the file, unless the file's column says another."""
 _PREAMBLE: Final = re.compile(
-    r"""\A(?:\s*(?:#[^\r\n]*|"?sep=.?"?[ \t]*)[\r\n]++(?!\s*[\d.+-]))+""", re.ASCII | re.IGNORECASE
+    r"""(?:\s*(?:#[^\r\n]*|"?sep=.?"?[ \t]*)[\r\n]++(?!\s*[\d.+-]))*+\s*""", re.ASCII | re.IGNORECASE
 )
-"""Lines before the header: comments, and the separator as spreadsheets write it. A comment directly above numbers is
-none: it is the header."""
+"""Lines before the header: blanks, comments, and the separator as spreadsheets write it. A comment directly above
+numbers is the header."""
 _TIMESTAMP: Final = r"^\s*\d{4}-\d\d-\d\d[T ]"
 
 
@@ -71,7 +71,6 @@ class Use(NamedTuple):
 
 
 Schema = Mapping[str, Use]
-"""Columns of a table, by name."""
 
 
 class Column(BaseModel):
@@ -101,19 +100,18 @@ class ColumnMap(BaseModel):
     ] = {}
     settings: dict[str, Any] = {}
 
-    @classmethod
-    def read(cls, path: Path) -> ColumnMap:
-        """Read a column map.
 
-        Raises:
-            InputError: it is no TOML, or a key or value is wrong.
-        """
-        values = parsed_toml(read_text(path, "a column map"), str(path))
-        try:
-            return cls.model_validate({"name": path.name} | values)
-        except ValidationError as error:
-            first = error.errors()[0]
-            raise InputError(first["msg"], field=f"{path}, {'.'.join(map(str, first['loc']))}") from None
+M = TypeVar("M", bound=BaseModel)
+
+
+def read_model(model: type[M], path: Path, what: str) -> M:
+    """Read a model from a TOML file; ``what`` names the kind of file, for errors."""
+    values = parsed_toml(read_text(path, what), str(path))
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(first["msg"], field=f"{path}, {'.'.join(map(str, first['loc']))}") from None
 
 
 class Read(NamedTuple):
@@ -122,7 +120,6 @@ class Read(NamedTuple):
     rows: pl.DataFrame
     """The columns of the schema that the files have, and ``file`` and ``line``, from 1."""
     columns: Mapping[str, Column]
-    """How each was read."""
     robots: Mapping[str, int]
     """Numbers of robots that have names; empty: robots have numbers."""
     has_timestamps: bool
@@ -133,28 +130,16 @@ class Read(NamedTuple):
 
 
 def read_rows(paths: Sequence[Path], schema: Schema, by: ColumnMap | None = None) -> Read:
-    """Read the rows of files, one below the other.
-
-    Args:
-        by: a column map; None: the files' columns have the names of the schema.
-    Raises:
-        InputError: a file is no table, lacks a column, or has a cell that is not allowed; the error names the row.
-    """
+    """Read the rows of files, one below the other; without a column map, columns have the names of the schema."""
     by = by or ColumnMap()
-    cells = pl.concat([_cells_of(path) for path in paths], how="diagonal")
+    cells = pl.concat([cells_of(path) for path in paths], how="diagonal")
     return converted(cells, _columns_of(cells.columns, schema, by, paths[0]), schema, by.missing)
 
 
 def converted(
     cells: pl.DataFrame, columns: Mapping[str, Column], schema: Schema, missing: Sequence[str]
 ) -> Read:
-    """Convert cells, texts in columns beside ``file`` and ``line``, to a table.
-
-    Args:
-        columns: how each column of the schema is read. missing: texts of empty cells.
-    Raises:
-        InputError: a cell is not allowed; the error names the row.
-    """
+    """Convert cells, texts in columns beside ``file`` and ``line``; ``missing`` are texts of empty cells."""
     found, robots, has_timestamps = [cells["file"], cells["line"]], dict[str, int](), False
     for use, column in columns.items():
         text = cells[column.name].str.strip_chars()
@@ -184,17 +169,8 @@ def converted(
     return Read(whole, columns, robots, has_timestamps, rows.height - whole.height, unread)
 
 
-def header_of(path: Path) -> list[str]:
-    """Return the names of the columns of a file."""
-    return _cells_of(path).columns[2:]
-
-
 def text_of(path: Path) -> str:
-    """Return the text of a file; bytes that are not UTF-8 are replaced by U+FFFD.
-
-    Raises:
-        InputError: it is no plain file, too large, binary or empty.
-    """
+    """Return the text of a file; bytes that are not UTF-8 are replaced by U+FFFD."""
     text = read_bytes(path, LARGEST_BYTES, "a table").decode("utf-8-sig", errors="replace")
     if "\0" in text[:4096] or not text.strip():
         raise InputError("is empty, a binary file, or text in UTF-16; give text in UTF-8", field=str(path))
@@ -202,11 +178,7 @@ def text_of(path: Path) -> str:
 
 
 def files_of(path: Path, name: str = "") -> list[Path]:
-    """Return the files of one session: the file itself, or in a folder ``name``, or else all its tables, in order.
-
-    Raises:
-        InputError: it is a folder without a table.
-    """
+    """Return the files of one session: the file itself, or in a folder ``name``, or else all its tables, in order."""
     if not path.is_dir():
         return [path]
     if name and (path / name).is_file():
@@ -231,11 +203,10 @@ def _natural(name: str) -> list[tuple[int, int, str]]:
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
 
 
-def _cells_of(path: Path) -> pl.DataFrame:
+def cells_of(path: Path) -> pl.DataFrame:
     """Return the cells of a file as texts, with ``file``, its path, and ``line``; without rows of blanks."""
     text = text_of(path)
-    before = match[0] if (match := _PREAMBLE.match(text)) else ""
-    before += re.match(r"\s*", text[len(before) :])[0]  # type: ignore[index]
+    before = _PREAMBLE.match(text)[0]  # type: ignore[index]
     body = text[len(before) :]
     head = body.split("\n", 1)[0]
     separator = max(",;\t", key=head.count)

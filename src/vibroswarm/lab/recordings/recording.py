@@ -1,15 +1,12 @@
-"""Convert logs of sessions of robots to the tables of a simulation, with additional tables from the logs.
+"""Sessions of real robots as a ``Recording``, a ``Result`` with additional tables.
 
-A session is a run of real robots. A ``Recording`` is a ``Result`` and can be used wherever a result can. It differs
-from a simulated result:
+It differs from a simulated result:
 
-* ``seed`` is None, since nothing was random.
-* ``scenario`` describes the sessions. Fields in ``stated`` were stated by the user or by a log, and fields in
-  ``inferred`` were inferred from the logs. All other fields are those of a preset and have no meaning here.
-* Values that a log does not contain are null, such as headings, driving and turning times, and bits sent.
-* ``sample`` is the number of messages sent before, so a lost row leaves a gap. ``samples`` of a robot includes samples
-  whose rows were lost.
-* If a log has no bits, they are computed from the energies with ``sensor.rms_threshold``.
+* ``seed`` is None. Values that a log does not contain are null, such as headings, driving and turning times.
+* ``scenario`` describes the sessions: fields in ``stated`` by the user or a log, fields in ``inferred`` by the logs.
+  All other fields are those of a preset and have no meaning here.
+* ``sample`` is the number of messages sent before, so a lost row leaves a gap.
+* Bits that a log does not have are computed from the energies with ``sensor.rms_threshold``.
 * Paths between tracked positions are straight (``assemble_recording``).
 """
 
@@ -22,11 +19,12 @@ from typing import Any, ClassVar, Final
 
 import polars as pl
 
+from vibroswarm.core.atomic_io import make_folder, whole_file
 from vibroswarm.core.folders import kind_of, read_manifest
-from vibroswarm.core.tables import Schema, parquet_bytes, read_table
+from vibroswarm.core.tables import Schema, csv_bytes, parquet_bytes, read_table
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.result import Result
+from vibroswarm.result import TABLES, Result
 
 ROWS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -67,16 +65,11 @@ _EXTRA_TABLES: Final = {
 
 @dataclass(frozen=True, eq=False, repr=False)  # both are those of a result
 class Recording(Result):
-    """Sessions of real robots as a result.
-
-    The module's docstring says in what it differs from a simulated result.
-    """
+    """Sessions of real robots as a result; see the module."""
 
     KIND: ClassVar[str] = "recording"
     rows: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=ROWS))
-    """Columns of ``ROWS``."""
     tracks: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=PLACES))
-    """Columns of ``PLACES``."""
     names: tuple[int, ...] = ()
     """For robots 0, 1, ... their numbers in the logs."""
     sessions: tuple[Mapping[str, Any], ...] = ()
@@ -86,15 +79,10 @@ class Recording(Result):
     inferred: tuple[Mapping[str, Any], ...] = ()
     """``infer.Inferred`` as plain values."""
     floor_words: str = ""
-    """Result of the test whether the floor fits the energies."""
 
     @property
     def logs_beliefs(self) -> bool:
-        """Whether the logs hold all beliefs of all robots, with the counts and decisions that belong to them.
-
-        These are the columns of the inference table, in which a value that is not logged is null. Only the column
-        "message" may have nulls: it is what a robot sent, which pages can do without.
-        """
+        """Whether the logs hold all beliefs, counts and decisions of all robots."""
         return bool(self.inference.drop("message").null_count().sum_horizontal()[0] == 0)
 
     def knows(self, *names: str) -> bool:
@@ -134,11 +122,7 @@ class Recording(Result):
 
     @classmethod
     def read(cls, path: str | Path) -> Recording:
-        """Read a recording from the folder that ``write`` has written.
-
-        Raises:
-            InputError: the folder is not a recording, or a file in it is damaged or missing.
-        """
+        """Read a recording from the folder that ``write`` has written."""
         folder = Path(path)
         if kind_of(folder) != cls.KIND:
             raise InputError("is not a recording; make one with 'vibroswarm lab import'", field=str(folder))
@@ -153,10 +137,16 @@ class Recording(Result):
 
 
 def read_result(folder: str | Path) -> Result:
-    """Read a result from its folder: the ``Result`` of a simulation, or a ``Recording`` of real robots (a subclass).
-
-    Raises:
-        InputError: the folder holds neither, or a file in it is damaged or missing.
-    """
+    """Read a ``Result`` or a ``Recording`` from its folder."""
     folder = Path(folder)
     return Recording.read(folder) if kind_of(folder) == Recording.KIND else Result.read(folder)
+
+
+def write_csv(result: Result, folder: str | Path, *, replace: bool = False) -> None:
+    """Write every table of ``result.TABLES``, with all runs, as a CSV file in a folder."""
+    folder = Path(folder)
+    make_folder(folder)
+    frames = {f"{name}.csv": getattr(result, name) for name in TABLES if getattr(result, name) is not None}
+    for name, frame in frames.items():
+        with whole_file(folder / name, replace=replace) as part:
+            part.write_bytes(csv_bytes(frame))  # no table of a result has nested values

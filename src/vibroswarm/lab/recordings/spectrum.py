@@ -8,8 +8,7 @@
 | interval | - | Hz | of the line's frequency: 95 % of resamples of samples, but at least +- resolution / 10 |
 | resolution | - | Hz | 2 / time, as two lines nearer than that are one |
 
-A robot stands between pauses of the recording, or without pauses while its place does not change
-(``acceleration.stops_of``). A recording without pauses or places needs a column ``sample`` that numbers its stops, or
+A robot stands between pauses of the recording. One without pauses needs a column ``sample`` that numbers its stops, or
 is cut into pieces of equal length.
 
 Spectra are of the magnitude if gravity is in the readings. Without it, a magnitude is that of the vibration alone, and
@@ -21,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
@@ -32,15 +30,13 @@ from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.numbers import count, number
 from vibroswarm.errors import InputError
 from vibroswarm.lab.recordings.acceleration import (
-    COLUMNS,
     GRAVITY,
-    LONGEST_STOP,
     RATE_TOLERANCE,
+    WIDEST_GAP,
     Acceleration,
     Gravity,
     gravity_in,
     read_acceleration,
-    stops_of,
     strongest_axis,
 )
 from vibroswarm.lab.recordings.read_tables import ACCELERATIONS
@@ -48,11 +44,10 @@ from vibroswarm.lab.recordings.threshold import resample
 from vibroswarm.robot.features import alias_hz
 
 Group = Literal["robot", "tile", "time"]
-M_S2: Final = {unit: GRAVITY["m/s2"] / gravity for unit, gravity in GRAVITY.items()}
-"""Units of acceleration."""
+LONGEST_STOP: Final = 20
+"""Longer stretches, in samples, are not stops."""
 SLOWEST_HZ: Final = 10.0
 FASTEST_HZ: Final = 1e5
-"""Rates of accelerometers."""
 REPEATED: Final = 1.05
 """If readings are repeated more often, the sensor is polled faster than it measures."""
 PILED: Final = 5
@@ -68,7 +63,7 @@ _SEED: Final = 41
 
 
 class Line(NamedTuple):
-    """A line of a spectrum."""
+    """A line of a spectrum; frequencies in Hz."""
 
     hz: float
     low: float
@@ -86,7 +81,6 @@ class Spectrum:
     """The mean spectrum of some samples."""
 
     group: str
-    """What they have in common: "all", "robot", "tile" or "time"."""
     name: str
     samples: int
     power: Floats
@@ -99,12 +93,10 @@ class Spectra:
     """Spectra of a recording."""
 
     hz: Floats
-    """(frequencies,)."""
     rate_hz: float
     signal_s: float
     axis: str
     samples: int
-    """Number of samples."""
     stops: int
     """Number of stops found; those shorter than a sample are not used."""
     spectra: tuple[Spectrum, ...]
@@ -144,16 +136,13 @@ def spectra_of(
 
     Args:
         path: table with the columns of ``acceleration.COLUMNS``, of which one axis is enough, and if known x_m, y_m
-            (place), heading_rad, and sample.
+            (place) and sample.
         rate_hz: readings per second; None: as the times say. signal_ms: the part of each stop that is used, its end.
         stop_s: length of the pieces into which a recording without pauses is cut; None: it is not.
-        unit: of the acceleration, one of ``M_S2``, unless the names of the columns say it.
-        axis: what spectra are of; None: the magnitude, or the axis that is shaken most if gravity is not in the
-            readings.
+        unit: of the acceleration, one of ``acceleration.GRAVITY``, unless the names of the columns say it.
+        axis: None: the magnitude, or the axis that is shaken most if gravity is not in the readings.
         by: groups of samples that get spectra of their own, beside all. size_m, tiles: width and height of the surface,
-            and rows and columns of its tiles, for tiles and places.
-    Raises:
-        InputError: the file or the rate is wrong, no stop holds a sample, or places are missing.
+            and rows and columns of its tiles.
     """
     read = read_acceleration(path, rate_hz)
     unit = "m/s2" if read.in_m_s2 else unit
@@ -161,15 +150,16 @@ def spectra_of(
     values = np.array([sample.select(ACCELERATIONS).to_numpy() for sample in samples])
     gravity = gravity_in(list(values), unit)
     known_unit = gravity.unit == unit
-    readings = values * (M_S2[unit] if known_unit else 1.0)  # (samples, readings, 3)
+    readings = values * (GRAVITY["m/s2"] / GRAVITY[unit] if known_unit else 1.0)  # (samples, readings, 3)
     of_axis: str = axis or (
         "magnitude" if gravity.is_there else ACCELERATIONS[strongest_axis(list(values))][1:]
     )
     hz, powers = periodograms(_signals(readings, of_axis), rate_hz)
     across_hz = _lines_across(readings, rate_hz) if of_axis == "magnitude" else ()
-    groups = [("all", "", np.arange(len(samples)))]
-    for group in by:
-        groups += [(group, name, rows) for name, rows in _groups(samples, group, size_m, tiles, path)]
+    groups = [
+        ("all", "", np.arange(len(samples))),
+        *((group, *named) for group in by for named in _groups(samples, group, size_m, tiles, path)),
+    ]
     found = tuple(
         Spectrum(
             group, name, rows.size, powers[rows].mean(axis=0), _lines(hz, powers[rows], rate_hz, across_hz)
@@ -177,10 +167,7 @@ def spectra_of(
         for group, name, rows in groups
         if rows.size >= FEWEST
     )
-    warnings = (
-        *_of_gravity(gravity, unit, of_axis),
-        *_of_readings(read, stops, repeats, rate_hz),
-    )
+    warnings = tuple(_warnings(read, stops, gravity, unit, of_axis, repeats, rate_hz))
     return Spectra(
         hz,
         rate_hz,
@@ -194,34 +181,44 @@ def spectra_of(
     )
 
 
-class _Sampled(NamedTuple):
-    samples: list[pl.DataFrame]
-    stops: list[pl.DataFrame]
-    repeats: float
-    """How often each reading was there; it is there once now."""
-    rate_hz: float
-    """Of the sensor."""
-
-
 def _sampled(
     rows: pl.DataFrame, path: Path, stated_hz: float | None, signal_ms: float, stop_s: float | None
-) -> _Sampled:
-    """Return the samples of readings, the last ones of each stop, as the sensor measured them."""
+) -> tuple[list[pl.DataFrame], list[pl.DataFrame], float, float]:
+    """Return samples, stops, how often each reading was repeated (it is there once now), and the sensor's rate, Hz."""
     robots = rows.partition_by("robot", maintain_order=True)
-    stops = [stop for robot in robots for stop in stops_of(robot, signal_ms / 1000.0, stop_s)]
+    stops = [stop for robot in robots for stop in _stops_of(robot, stop_s)]
     rate_hz, repeats = _rate(stops, stated_hz, path), _repeats(stops)
     if repeats > 1.0:
         stops = [stop.filter(_is_new(stop)) for stop in stops]
         rate_hz = _rate(stops, None, path)
     length = round(rate_hz * signal_ms / 1000.0)
-    samples = [_sample_of(stop, length) for stop in stops if stop.height >= length]
+    longest = max(stops, key=lambda stop: stop.height)
+    if longest.height > LONGEST_STOP * length:
+        raise InputError(
+            f"robot {longest['robot'][0]:g} has {longest.height} readings without a pause, more than {LONGEST_STOP} "
+            "samples; add a column 'sample', which numbers its stops, or cut it (--stop-s)",
+            field=f"{path}, row {longest['line'][0]}",
+        )
+    samples = [stop[-length:] for stop in stops if stop.height >= length]
     if len(samples) < FEWEST or length < 16:
         raise InputError(
             f"{len(samples)} of {len(stops)} stops have the {length} readings of a sample ({signal_ms:g} ms at "
             f"{rate_hz:.4g} Hz); at least {FEWEST} are needed, of at least 16 readings",
             field=str(path),
         )
-    return _Sampled(samples, stops, repeats, rate_hz)
+    return samples, stops, repeats, rate_hz
+
+
+def _stops_of(rows: pl.DataFrame, stop_s: float | None) -> list[pl.DataFrame]:
+    """Return the readings of each stop of one robot."""
+    if "sample" in rows.columns:
+        return rows.partition_by("sample", maintain_order=True)
+    steps = rows["time_s"].diff()
+    is_pause = (steps > WIDEST_GAP * (steps.median() or 0.0)).fill_null(False)  # type: ignore[operator]
+    rows = rows.with_columns(stretch=is_pause.cum_sum())
+    since_s = pl.col("time_s") - pl.col("time_s").first().over("stretch")
+    rows = rows.with_columns(piece=(since_s / (stop_s or np.inf) + 1e-9).floor())
+    return rows.partition_by("stretch", "piece", maintain_order=True, include_key=False)
 
 
 def _is_new(stop: pl.DataFrame) -> Bools:
@@ -238,8 +235,15 @@ def _repeats(stops: Sequence[pl.DataFrame]) -> float:
     return float(runs.mean())
 
 
-def _of_gravity(gravity: Gravity, unit: str, axis: str) -> Iterator[str]:
-    """Say what gravity tells of the unit and of the axis."""
+def _warnings(
+    read: Acceleration,
+    stops: Sequence[pl.DataFrame],
+    gravity: Gravity,
+    unit: str,
+    axis: str,
+    repeats: float,
+    rate_hz: float,
+) -> Iterator[str]:
     mean = number(gravity.steady, digits=4)
     if not gravity.is_there:
         yield (
@@ -257,11 +261,6 @@ def _of_gravity(gravity: Gravity, unit: str, axis: str) -> Iterator[str]:
             f"{gravity.unit}; amplitudes are in the file's own unit"
         )
 
-
-def _of_readings(
-    read: Acceleration, stops: Sequence[pl.DataFrame], repeats: float, rate_hz: float
-) -> Iterator[str]:
-    """Say which readings are missing, repeated, or at the end of the sensor's range."""
     if read.missing:
         yield f"{count(read.missing, 'reading')} missing: left out, or bridged by straight lines if few in a row"
     if repeats > 1.0:
@@ -282,11 +281,7 @@ def _at_the_end(values: Floats) -> int:
 
 
 def periodograms(signals: Floats, rate_hz: float) -> tuple[Floats, Floats]:
-    """Return frequencies, (frequencies,), and the power of each signal at them, (samples, frequencies).
-
-    Args:
-        signals: (samples, readings).
-    """
+    """Return frequencies, (frequencies,), and the power of each signal, (samples, readings), at them."""
     from scipy.signal import periodogram
 
     hz, power = periodogram(signals, rate_hz, window="hann", detrend="constant", scaling="spectrum", axis=-1)
@@ -313,17 +308,6 @@ def _rate(stops: Sequence[pl.DataFrame], stated_hz: float | None, path: Path) ->
     return stated_hz if stated_hz is not None else found_hz
 
 
-def _sample_of(stop: pl.DataFrame, length: int) -> pl.DataFrame:
-    """Return the last ``length`` readings of a stop, as a robot takes them."""
-    if stop.height > LONGEST_STOP * length:
-        raise InputError(
-            f"robot {stop['robot'][0]:g} has {stop.height} readings without a pause, more than {LONGEST_STOP} samples; "
-            "add columns x_m and y_m, by which it stands, or 'sample', which numbers its stops, or cut it (--stop-s)",
-            field=f"row {stop['line'][0]}",
-        )
-    return stop[-length:]
-
-
 def _signals(readings: Floats, axis: str) -> Floats:
     """Return the signals of an axis, or the magnitudes, (samples, readings)."""
     if axis == "magnitude":
@@ -339,14 +323,13 @@ def _groups(
     path: Path,
 ) -> list[tuple[str, Ints]]:
     """Return the name and the samples of each group, in order."""
-    if group == "time":
+    if group == "robot":
+        keys, form = np.array([[sample["robot"][0]] for sample in samples]), "robot {:.0f}"
+    elif group == "time":
         times = np.array([sample["time_s"][-1] for sample in samples])
         edges = np.linspace(times.min(), times.max(), 7)
         part = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, 5)
-        spans = [f"{number(begin, 0)} to {number(end, 0)} s" for begin, end in pairwise(edges)]
-        return [(span, np.flatnonzero(part == k)) for k, span in enumerate(spans)]
-    if group == "robot":
-        keys, form = np.array([[int(sample["robot"][0])] for sample in samples]), "robot {}"
+        keys, form = np.column_stack((edges[part], edges[part + 1])), "{:.0f} to {:.0f} s"
     else:
         if not {"x_m", "y_m"} <= set(samples[0].columns):
             raise InputError(f"has no columns x_m and y_m, which --by {group} needs", field=str(path))
@@ -409,19 +392,3 @@ def _lines_across(readings: Floats, rate_hz: float) -> tuple[float, ...]:
     (hz, along), (_, across) = (periodograms(_signals(readings, axis), rate_hz) for axis in ("x", "y"))
     total = along.mean(axis=0) + across.mean(axis=0)
     return tuple(_top(hz, total, int(k)) for k in _peaks(hz, total))
-
-
-def acceleration_frame(robots: Ints, ends_s: Floats, readings: Floats, rate_hz: float) -> pl.DataFrame:
-    """Return readings of samples as the table of a file of acceleration.
-
-    Args:
-        robots, ends_s: (samples,), robot and time of each sample's end. readings: (samples, 3, readings).
-    """
-    count = readings.shape[2]
-    before_s = np.arange(count - 1, -1, -1) / rate_hz
-    columns = [
-        np.repeat(robots, count),
-        (ends_s[:, None] - before_s).ravel(),
-        *readings.transpose(1, 0, 2).reshape(3, -1),
-    ]
-    return pl.DataFrame(dict(zip(COLUMNS, columns, strict=True)))

@@ -1,18 +1,9 @@
-"""Choose the sensor's threshold theta_E from a recording on a known floor, by equal error.
+"""Choose the sensor's threshold theta_E by equal error from a recording on a known floor; is the floor decidable?
 
-Also compute whether the floor's question can be decided with the threshold.
-
-| name | symbol | equation |
-|---|---|---|
-| false positive, false negative | a(theta), b(theta) | share of still samples with E > theta, of vibrating ones with E <= theta |
-| equal error | - | a(theta) = b(theta) |
-| edge distance | - | from a sample to the nearest tile of the other kind |
-
-A sample's label is the kind of tile (vibrating or still) under the robot's centre. Samples are neither independent nor
-identically distributed, since robots and tiles differ. So the bootstrap resamples both robots (a robot in each session
-by itself) and tiles, and weights a sample by the product of the numbers of times that its robot and its tile are drawn.
-The interval then holds for other such robots and tiles. The random numbers depend on seed, draw and stream alone.
-"""  # noqa: E501
+The label of a sample is the kind of the tile under the robot's centre. False positives a(theta) are the share of still
+samples with E > theta, false negatives b(theta) that of vibrating ones with E <= theta; at equal error a = b. The
+bootstrap resamples robots (of each session) and tiles, so that limits hold for other such robots and tiles.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +16,8 @@ import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.rng import Purpose, uniforms
-from vibroswarm.errors import InputError, check_kind
+from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, refuse_changes, refuse_kinds
-from vibroswarm.lab.recordings.assemble_recording import inside
 from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.statistics.decidability import Decidability, decidability_of_share, observed_share
 from vibroswarm.statistics.intervals import Interval, bounded_mean, student_factor
@@ -35,63 +25,33 @@ from vibroswarm.statistics.sampling import effective_samples, effective_with_sen
 
 
 def resample(seed: int, draw: int, stream: int, count: int) -> Ints:
-    """Draw ``count`` indices from 0 to ``count`` - 1 with replacement, (count,).
-
-    Args:
-        seed, draw, stream: address of the random numbers: the same address gives the same indices.
-    """
+    """Draw ``count`` indices from 0 to ``count`` - 1 with replacement."""
     return (uniforms(seed, draw, stream, Purpose.BOOTSTRAP, count) * count).astype(np.int64)
 
 
 def cluster_weights(seed: int, draw: int, stream: int, cluster: Ints) -> Floats:
-    """Resample clusters with replacement; return how often the cluster of each row was drawn, (rows,).
-
-    Args:
-        seed, draw, stream: address of the random numbers: the same address gives the same draw.
-        cluster: index of each row's cluster, from 0, (rows,); at least one row.
-    """
+    """Resample clusters (indices from 0); return how often the cluster of each row was drawn, (rows,)."""
     clusters = int(cluster.max()) + 1
     return np.bincount(resample(seed, draw, stream, clusters), minlength=clusters)[cluster].astype(float)
 
 
-def robot_and_tile_weights(seed: int, draw: int, robot: Ints, tile: Ints) -> Floats:
-    """Resample robots and tiles by themselves; return the product of how often those of each row were drawn, (rows,).
-
-    Args:
-        seed, draw: address of the random numbers. robot, tile: index of each row's robot and tile, from 0, (rows,).
-    """
-    of_robots = cluster_weights(seed, draw, stream=0, cluster=robot)
-    return of_robots * cluster_weights(seed, draw, stream=1, cluster=tile)
-
-
 def robot_clusters(samples: pl.DataFrame) -> Ints:
-    """Return the index of each sample's cluster, from 0, (samples,); a cluster is a robot in one run.
-
-    Args:
-        samples: with the columns run and robot.
-    """
+    """Return the index of each sample's robot in its run, from 0, (samples,), from the columns run and robot."""
     pairs = samples.select(pl.col("run", "robot").cast(pl.Int64)).to_numpy()
     # The index of each row's pair among the distinct pairs. NumPy 2.0 returns it as (samples, 1), hence ``ravel``.
     return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
 
 
 RESAMPLES: Final = 400
-"""Number of bootstrap draws."""
 _SEED: Final = 7
 """Seed of the bootstrap; it is fixed, so that a recording always has the same limits."""
 
 
 class Rates(NamedTuple):
-    """Error rates of samples at a threshold; nan for a kind of tile without samples."""
+    """Shares of the samples that are read wrong; nan for a kind of tile without samples."""
 
     false_positive: float
-    """a: share of the samples on still tiles that read as vibrating."""
     false_negative: float
-    """b: share of the samples on vibrating tiles that read as still."""
-    still: int
-    """Number of samples on still tiles."""
-    vibrating: int
-    """Number of samples on vibrating tiles."""
 
 
 @dataclass(frozen=True)
@@ -99,15 +59,11 @@ class Threshold:
     """A threshold with its interval, its error rates, and whether the floor can be decided with it."""
 
     rule: str
-    """How it was chosen."""
     value: float
-    """The threshold theta_E."""
     low: float
-    """Lower 95 % limit, by a bootstrap over robots and tiles; nan for a given threshold."""
     high: float
-    """Upper 95 % limit, by the same bootstrap; nan for a given threshold."""
+    """95 % limits; nan for a given threshold."""
     all_samples: Rates
-    """Error rates of all samples."""
     share_by_session: Interval
     """Share of ones with equal weight for each tile: mean over sessions, whose limits are infinite for one session."""
     decidable: Decidability
@@ -129,38 +85,19 @@ class Labelled:
     """The samples on tiles, with the kind of their tile; (samples,) each."""
 
     energy: Floats
-    """Energy of the sample."""
     vibrating: Bools
-    """Whether the tile below vibrates."""
-    edge_m: Floats
-    """Distance to the nearest tile of the other kind; inf if there is none."""
     tile: Ints
-    """Index of the tile below."""
     session: Ints
-    """Number of the run."""
     robot: Ints
-    """Number of the robot, from 0."""
+    """Index of the robot, from 0; it is another one in each session."""
     fill_ratio: float
-    """Fill ratio of the floor."""
-
-    @property
-    def samples(self) -> pl.DataFrame:
-        """Run and robot of each sample."""
-        return pl.DataFrame({"run": self.session, "robot": self.robot})
 
 
 def labelled(recording: Recording) -> Labelled:
-    """Return the samples of a recording that lie on tiles, with the kind of their tile.
-
-    Raises:
-        InputError: all samples are on one kind of tile, or the floor has more than two.
-    """
-    check_kind(recording, Recording, "recording", "a Recording, as Recording.read() returns")
+    """Return the samples of a recording that lie on tiles, which must be of two kinds."""
     key = ["run", "robot", "sample"]
-    frame = recording.motion.join(recording.rows.select(*key, "energy"), on=key, maintain_order="left").join(
-        recording.observations.select(*key, "tile"), on=key, maintain_order="left"
-    )
-    frame = frame.filter(pl.col("tile") >= 0)
+    tiles = recording.observations.select(*key, "tile")
+    frame = recording.rows.join(tiles, on=key, maintain_order="left").filter(pl.col("tile") >= 0)
     if frame["energy"].null_count():
         raise InputError("holds bits, of which there is no threshold", field="the recording")
     floor = recording.floor(int(recording.runs["run"][0]))  # all sessions have the same floor
@@ -170,42 +107,30 @@ def labelled(recording: Recording) -> Labelled:
     vibrating = floor.tiles.ravel()[tile] == 1
     if vibrating.all() or not vibrating.any():
         raise InputError("has samples on one kind of tile only; both are needed", field="the recording")
-    x, y = inside(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), recording.scenario.arena.size_m)
     return Labelled(
         energy=frame["energy"].to_numpy(),
         vibrating=vibrating,
-        edge_m=edge_distance(floor, x, y, vibrating)[0],  # without the index of the nearest tile
         tile=tile,
         session=frame["run"].cast(pl.Int64).to_numpy(),
-        robot=frame["robot"].cast(pl.Int64).to_numpy(),
+        robot=robot_clusters(frame),
         fill_ratio=floor.fill_ratio_within(*recording.scenario.arena.size_m),
     )
 
 
 def edge_distance(floor: Floor, x_m: Floats, y_m: Floats, vibrating: Bools) -> tuple[Floats, Ints]:
-    """Find the nearest tile of the other kind to each place.
+    """Find the nearest tile of the other kind to each place: its distance, m, and index, (places,) each.
 
-    Args:
-        x_m, y_m: the places, m. vibrating: whether the tile that each place lies on vibrates; (places,) each.
-    Returns: distance from each place to that tile, m, and index of that tile, (places,) each; inf and -1 if all tiles
-        are of one kind.
+    Without tiles of the other kind they are inf and -1.
     """
     rows, columns, width, height, left, bottom = floor.geometry
     # Lower left corners of the tiles, which are numbered row by row from the top.
     row, column = np.divmod(np.arange(rows * columns), columns)
     left_m, bottom_m = left + column * width, bottom + (rows - 1 - row) * height
-    distance_m, tile = np.full(x_m.shape, np.inf), np.full(x_m.shape, -1)
-    for kind in (False, True):
-        tiles = np.flatnonzero((floor.tiles.ravel() != 0) == kind)
-        places = np.flatnonzero(vibrating != kind)
-        if not tiles.size or not places.size:
-            continue
-        dx = _outside(x_m[places], left_m[tiles], width)
-        dy = _outside(y_m[places], bottom_m[tiles], height)
-        away_m = np.hypot(dx, dy)
-        tile[places] = tiles[away_m.argmin(axis=1)]
-        distance_m[places] = away_m.min(axis=1)
-    return distance_m, tile
+    dx, dy = _outside(x_m, left_m, width), _outside(y_m, bottom_m, height)
+    is_other = vibrating[:, None] != (floor.tiles.ravel() != 0)
+    away_m = np.where(is_other, np.hypot(dx, dy), np.inf)  # (places, tiles)
+    distance_m = away_m.min(axis=1)
+    return distance_m, np.where(np.isfinite(distance_m), away_m.argmin(axis=1), -1)
 
 
 def _outside(places_m: Floats, begins_m: Floats, size_m: float) -> Floats:
@@ -214,62 +139,33 @@ def _outside(places_m: Floats, begins_m: Floats, size_m: float) -> Floats:
     return np.maximum(np.maximum(before, -before - size_m), 0.0)
 
 
-def error_curves(energy: Floats, vibrating: Bools, weight: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute both error rates at one threshold above each distinct energy.
-
-    All thresholds between the same two energies have the same error rates, so one is enough. Thresholds below all
-    energies (a = 1, b = 0) are left out.
-
-    Args:
-        energy, vibrating, weight: energies of samples, whether their tiles vibrate, and their weights, (samples,) each;
-            both kinds of tile must have weight.
-    Returns: increasing thresholds, which lie half-way between neighbouring energies, the last one above all energies;
-        the rate of false positives a at each threshold, which never rises; and that of false negatives b, which never
-        falls; (thresholds,) each.
-    """
-    order = np.argsort(energy, kind="stable")
-    sorted_energy, kind, w = energy[order], vibrating[order], weight[order]
-    on_still, on_vibrating = np.where(kind, 0.0, w), np.where(kind, w, 0.0)
-    false_positive = 1.0 - np.cumsum(on_still) / on_still.sum()
-    false_negative = np.cumsum(on_vibrating) / on_vibrating.sum()
-    # The next larger energy; any larger number serves for the last, whose threshold only has to lie above it.
-    following = np.append(sorted_energy[1:], sorted_energy[-1] + 1.0)
-    is_last = following > sorted_energy  # only the last of equal energies is followed by a threshold
-    thresholds = (sorted_energy + following) / 2
-    return thresholds[is_last], false_positive[is_last], false_negative[is_last]
-
-
 def equal_error(energy: Floats, vibrating: Bools, weight: Floats) -> float:
     """Compute the threshold at which both error rates are equal, by linear interpolation between thresholds.
 
-    If b is at least a at the lowest threshold of ``error_curves`` already, the result is this threshold.
-
-    Args:
-        energy, vibrating, weight: energies of samples, whether their tiles vibrate, and their weights, (samples,) each;
-            both kinds of tile must have weight.
+    Thresholds lie half-way between neighbouring energies. Both kinds of tile must have weight.
     """
-    thresholds, false_positive, false_negative = error_curves(energy, vibrating, weight)
+    order = np.argsort(energy, kind="stable")
+    sorted_energy, kind, w = energy[order], vibrating[order], weight[order]
+    # The next larger energy; any larger number serves for the last, whose threshold only has to lie above it.
+    following = np.append(sorted_energy[1:], sorted_energy[-1] + 1.0)
+    is_last = following > sorted_energy  # only the last of equal energies is followed by a threshold
+    thresholds = ((sorted_energy + following) / 2)[is_last]
+    on_still, on_vibrating = np.where(kind, 0.0, w), np.where(kind, w, 0.0)
+    false_positive = (1.0 - np.cumsum(on_still) / on_still.sum())[is_last]
+    false_negative = (np.cumsum(on_vibrating) / on_vibrating.sum())[is_last]
     # The first threshold at which b, which never falls, is not below a, which never rises. There is one, since at the
     # last threshold b is 1 and a is 0, but for rounding.
     k = int(np.argmax(false_negative >= false_positive))
     if k == 0:
         return float(thresholds[0])
-    # How far a lies above b at threshold k - 1, which is more than 0 (so 0.5 is never used), and b above a at threshold
-    # k.
+    # a lies above b at threshold k - 1, and b above a, or at it, at threshold k.
     before = false_positive[k - 1] - false_negative[k - 1]
     after = false_negative[k] - false_positive[k]
-    share = before / (before + after) if before + after > 0 else 0.5
-    return float(thresholds[k - 1] + share * (thresholds[k] - thresholds[k - 1]))
+    return float(thresholds[k - 1] + before / (before + after) * (thresholds[k] - thresholds[k - 1]))
 
 
 def find_threshold(recording: Recording, data: Labelled | None = None) -> Threshold:
-    """Find theta_E by equal error, with limits from a bootstrap over robots and tiles.
-
-    Args:
-        data: samples of the recording, from ``labelled``; None: they are computed here.
-    Raises:
-        InputError: samples are on one kind of tile only.
-    """
+    """Find theta_E by equal error, with limits from a bootstrap over robots and tiles."""
     data = data or labelled(recording)
     value = equal_error(data.energy, data.vibrating, np.ones(data.energy.size))
     resampled = [equal_error(data.energy, data.vibrating, weight) for weight in _weights(data)]
@@ -287,12 +183,7 @@ def at_threshold(
     low: float = float("nan"),
     high: float = float("nan"),
 ) -> Threshold:
-    """Compute the error rates at a threshold, and whether the floor can be decided with it.
-
-    Args:
-        value: the threshold. data: samples of the recording, from ``labelled``; None: they are computed here.
-        name: name of the rule that chose the threshold. low, high: limits of the threshold.
-    """
+    """Compute the error rates at a threshold, and whether the floor can be decided with it."""
     data = data or labelled(recording)
     bits = data.energy > value
     by_session = [
@@ -304,14 +195,10 @@ def at_threshold(
 
 
 def rates(data: Labelled, threshold: float, chosen: Bools | None = None) -> Rates:
-    """Compute the error rates of samples at a threshold; nan for a kind of tile without samples.
-
-    Args:
-        chosen: whether each sample counts, (samples,); None: all do.
-    """
+    """Compute the error rates of samples, of all or of the chosen ones, at a threshold."""
     bits, counts = data.energy > threshold, np.ones(data.energy.size, np.bool_) if chosen is None else chosen
     still, vibrating = counts & ~data.vibrating, counts & data.vibrating
-    return Rates(share_of(bits, still), share_of(~bits, vibrating), int(still.sum()), int(vibrating.sum()))
+    return Rates(share_of(bits, still), share_of(~bits, vibrating))
 
 
 def share_of(is_wrong: Bools, samples: Bools) -> float:
@@ -320,19 +207,13 @@ def share_of(is_wrong: Bools, samples: Bools) -> float:
 
 
 def unseen_errors(recording: Recording, data: Labelled | None = None) -> pl.DataFrame:
-    """Return how each session is judged by a threshold of the others.
-
-    Returns: session (from 1), threshold, and the error rates of its samples; empty with a single session.
-        Sessions without both kinds of tile, and those whose others have one kind only, are left out.
-    Raises:
-        InputError: samples are on one kind of tile only.
-    """
+    """Return session (from 1), threshold of the others, and its error rates; without sessions of one kind of tile."""
     data, rows = data or labelled(recording), []
     for session in np.unique(data.session):
         own = data.session == session
         if all(len(np.unique(data.vibrating[some])) == 2 for some in (own, ~own)):
             value = equal_error(data.energy[~own], data.vibrating[~own], np.ones(int((~own).sum())))
-            rows.append((int(session) + 1, value, *rates(data, value, own)[:2]))
+            rows.append((int(session) + 1, value, *rates(data, value, own)))
     names = ("session", "threshold", "false_positive", "false_negative")
     return pl.DataFrame(rows, schema=names, orient="row")
 
@@ -357,13 +238,7 @@ class Recommendation:
 
 
 def recommend(recording: Recording, at: float | None = None) -> Recommendation:
-    """Recommend a threshold.
-
-    Args:
-        at: a given threshold; None: none.
-    Raises:
-        InputError: samples are on one kind of tile only.
-    """
+    """Recommend a threshold: that of equal error, or ``at``."""
     data = labelled(recording)
     given = () if at is None else (at_threshold(recording, at, data),)
     field = "sensor.rms_threshold"
@@ -376,15 +251,11 @@ def recommend(recording: Recording, at: float | None = None) -> Recommendation:
 
 
 def _decidable(data: Labelled, bits: Bools, errors: Rates, recording: Recording) -> Decidability:
-    """Compute whether the floor can be decided from the bits of all sessions.
+    """The share of ones is the mean over visited tiles of each tile's share.
 
-    The share of ones is the mean over visited tiles of each tile's share. Its interval is that of a share measured with
-    n_eff independent samples, where n_eff is the effective number of samples (``effective_with_sensor``): it allows for
-    tiles visited unequally often and for the error rates at this threshold. Robots differ, so that n_eff is at most the
-    number that gives the share the error that it has by how far robots, on the same tiles, are apart.
-
-    Args:
-        bits: of the samples ``data`` at this threshold, (samples,). errors: their rates.
+    Its interval is that of n_eff independent samples (``effective_with_sensor``): tiles are visited unequally often,
+    and bits are wrong. Robots differ, so that n_eff is at most the number that gives the share the error that it has
+    by how far robots, on the same tiles, are apart.
     """
     observed = observed_share(data.tile, bits)
     count = np.bincount(data.tile)
@@ -398,10 +269,12 @@ def _decidable(data: Labelled, bits: Bools, errors: Rates, recording: Recording)
             false_negative=errors.false_negative,
         )
     )
-    robot, tile = robot_clusters(data.samples), np.unique(data.tile, return_inverse=True)[1]
+    tile = np.unique(data.tile, return_inverse=True)[1]
     visited = np.bincount(tile)
     apart = (bits - (np.bincount(tile, bits) / visited)[tile]) / (visited[tile] * visited.size)
-    by_robot = np.bincount(robot, apart)  # what each adds to the share of ones, beyond the share of its tiles
+    by_robot = np.bincount(
+        data.robot, apart
+    )  # what each adds to the share of ones, beyond the share of its tiles
     n = by_robot.size
     error = student_factor(n, 0.95) * math.sqrt(n / (n - 1) * float(by_robot @ by_robot)) if n > 1 else 0.0
     if error > 0.0:
@@ -412,15 +285,13 @@ def _decidable(data: Labelled, bits: Bools, errors: Rates, recording: Recording)
 
 
 def _weights(data: Labelled) -> list[Floats]:
-    """Return the weights of the samples in each bootstrap draw, (samples,) each.
-
-    Robots (each in one session) and tiles are drawn separately. The weight of a sample is the number of times that its
-    robot was drawn times the number of times that its tile was drawn. Draws that give one kind of tile no weight are
-    left out, since one error rate is then undefined.
-    """
+    """Return weights of the samples in each bootstrap draw; draws without weight on a kind of tile are left out."""
     tile = np.unique(data.tile, return_inverse=True)[1]
-    robot = robot_clusters(data.samples)
-    drawn = (robot_and_tile_weights(_SEED, draw, robot, tile) for draw in range(RESAMPLES))
+    drawn = (
+        cluster_weights(_SEED, draw, stream=0, cluster=data.robot)
+        * cluster_weights(_SEED, draw, stream=1, cluster=tile)
+        for draw in range(RESAMPLES)
+    )
     return [
         weights
         for weights in drawn

@@ -14,14 +14,7 @@ from vibroswarm.errors import InputError
 
 @cache
 def opencv() -> Any:
-    """Import OpenCV and return its module ``cv2``, with its own messages switched off.
-
-    Problems of videos are reported by this package instead. An environment variable that sets the level of these
-    messages takes precedence.
-
-    Raises:
-        InputError: OpenCV is not installed, or older than version 5.
-    """
+    """Import OpenCV and return its module ``cv2``; its own messages are switched off, as problems are reported here."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's level "quiet"
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
     try:
@@ -30,9 +23,4 @@ def opencv() -> Any:
         raise InputError(
             "needs OpenCV; install it with: pip install 'vibroswarm[video]'", field="video"
         ) from None
-    if int(cv2.__version__.split(".")[0]) < 5:
-        raise InputError(
-            f"needs OpenCV 5 or later, not {cv2.__version__}; pip install -U 'vibroswarm[video]'",
-            field="video",
-        )
     return cv2

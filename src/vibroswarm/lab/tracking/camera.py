@@ -1,16 +1,12 @@
 """The camera of a video: its lens and pose, fitted to markers at known places; and its conversion of pixels to places.
 
-| name | symbol | equation |
-|---|---|---|
-| lens | f, c, k1, k2, p1, p2, k3 | Brown-Conrady (Brown 1966; OpenCV): x (1 + k1 r^2 + k2 r^4 + k3 r^6) + tangential |
-| point at a height z | - | C + (z - C_z) d / d_z, C the camera, d the ray of the pixel |
+The lens is Brown-Conrady's (Brown 1966; OpenCV): f, c, k1, k2, p1, p2, k3. A marker on a robot is above the floor, so
+its place is where the ray of its pixel meets the plane at the marker's height: C + (z - C_z) d / d_z, C the camera, d
+the ray.
 
-A marker on a robot is above the floor, so its place is where the ray meets the plane at the marker's height.
-
-The lens is fitted to a video of a chessboard, or to the video itself (self-calibration). Self-calibration is a least
-squares fit of two kinds of errors: differences between the pixels to which the corners of the floor's markers are
-projected and those where they are seen; and differences between the corners of robots' markers and squares of the
-known size. Prior distributions make unlikely lenses costly.
+The lens is fitted to a video of a chessboard, or to the video itself (self-calibration): least squares of the pixels to
+which the corners of the floor's markers are projected minus those where they are seen, and of the corners of robots'
+markers minus squares of the known size. Prior distributions make unlikely lenses costly.
 
 The fitted parameters are one array, which the functions call ``at``:
 
@@ -73,7 +69,6 @@ class Lens:
     matrix: Floats
     distortion: Floats
     error_px: float
-    """Root mean square error of the corners that it was fitted to, px."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +81,6 @@ class Camera:
     position_m: Floats
     """(3,)."""
     floor_error_px: float
-    """Root mean square error of the floor markers' corners, px."""
     calibrated: bool
     """Whether the lens was fitted to a chessboard, not to the video itself."""
     edge_px: float = 0.0
@@ -98,11 +92,7 @@ class Camera:
     by ``RIMLESS_PX`` if those of the floor have no white rims."""
 
     def at_height(self, points_px: Floats, height_m: float) -> Floats:
-        """Return x and y in the arena, (..., 2), m, of points at a given height above the floor.
-
-        Args:
-            points_px: the pixels at which they are seen, (..., 2).
-        """
+        """Return x and y in the arena, (..., 2), m, of the pixels of points at a given height above the floor."""
         cv2 = opencv()
         flat = np.ascontiguousarray(points_px.reshape(-1, 1, 2))
         # The inverse of the lens is iterated up to 40 times, or until it is exact to 1e-9.
@@ -136,8 +126,6 @@ def lens_from_chessboard(path: Path, squares: tuple[int, int]) -> tuple[Lens, tu
     Args:
         squares: number of inner corners of the board (where four squares meet), across and down.
     Returns: the lens, and the width and height of the video, px.
-    Raises:
-        InputError: the board is seen in fewer than 6 frames.
     """
     cv2 = opencv()
     views, size = [], (0, 0)
@@ -149,17 +137,14 @@ def lens_from_chessboard(path: Path, squares: tuple[int, int]) -> tuple[Lens, tu
             # Corners are refined up to 40 times, or until they move by less than 1e-3 px.
             end = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
             # A corner is refined in the pixels up to 5 px away from it; -1: none of them are left out.
-            refined = cv2.cornerSubPix(frame, corners, winSize=(5, 5), zeroZone=(-1, -1), criteria=end)
-            views.append(refined)
+            views.append(cv2.cornerSubPix(frame, corners, winSize=(5, 5), zeroZone=(-1, -1), criteria=end))
     if len(views) < 6:
         raise InputError(
             f"shows a chessboard of {squares[0]} x {squares[1]} inner corners in {len(views)} frames; hold it before "
             "the camera, tilted in all directions, in at least 6",
             field=str(path),
         )
-    step = max(len(views) // BOARD_VIEWS, 1)
-    # As ``step`` is rounded down, more than ``BOARD_VIEWS`` may be left; then the last ones are cut off.
-    chosen = views[::step][:BOARD_VIEWS]
+    chosen = views[:: max(len(views) // BOARD_VIEWS, 1)][:BOARD_VIEWS]
     # The corners on the board, (corners, 3), in squares: their size does not change the lens.
     board = np.zeros((squares[0] * squares[1], 3), dtype=np.float32)
     board[:, :2] = np.mgrid[0 : squares[0], 0 : squares[1]].T.reshape(-1, 2)
@@ -171,7 +156,7 @@ def lens_from_chessboard(path: Path, squares: tuple[int, int]) -> tuple[Lens, tu
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a camera is fitted to (the fields are the arguments of ``fit_camera``), and the errors of the fit."""
+    """What a camera is fitted to (the arguments of ``fit_camera``), and the errors of the fit."""
 
     size_px: tuple[int, int]
     floor_m: Floats
@@ -184,11 +169,7 @@ class _Seen:
     have_rims: bool
 
     def camera(self, at: Floats) -> Camera:
-        """Return the camera with the parameters ``at``.
-
-        NaN stands for the errors that ``fit_camera`` sets after the fit: that of the floor's corners, and that of the
-        lens unless the lens is given.
-        """
+        """NaN stands for the errors that ``fit_camera`` sets after the fit."""
         lens = self.lens
         if lens is None:
             width, height = self.size_px
@@ -218,20 +199,15 @@ class _Seen:
         return outwards(self.robots_px)
 
     def floor_errors(self, at: Floats, lens: Lens) -> Floats:
-        """Return the errors of the floor's corners with the parameters ``at`` and their lens, (points, 2), px.
-
-        An error is the pixel to which the camera projects the corner minus the pixel where it was seen. The seen
-        corners are first moved inwards, by the distance by which edges are seen too far outwards (the last parameter).
-        """
+        """Return projected minus seen corners of the floor, (points, 2), px; those seen are moved inwards first."""
         projected, _ = opencv().projectPoints(self.floor_m, at[:3], at[3:6], lens.matrix, lens.distortion)
         corners_px = self.floor_px - at[-1] * self.floor_outwards
         return np.asarray(projected.reshape(-1, 2) - corners_px)
 
     def errors(self, at: Floats) -> Floats:
-        """Return what the fit minimises with the parameters ``at``, (errors,): errors, and distances from the priors.
+        """Return what the fit minimises: errors, and distances from the priors, each divided by its standard deviation.
 
-        Each is divided by its standard deviation. Robots' markers are used only if the lens is fitted: the pose is
-        determined by the floor's markers, whose places are known.
+        Robots' markers are used only if the lens is fitted: the pose is determined by the floor's markers.
         """
         camera = self.camera(at)
         parts = [self.floor_errors(at, camera.lens).ravel() / CORNER_PX, at[-1:] / EDGE_PX]
@@ -279,29 +255,23 @@ class _Seen:
         )
         return np.asarray(np.linalg.norm(after_m - before_m, axis=1))
 
-    def start(self, focal: float) -> Floats | None:
-        """Return parameters from which the fit starts, or None if no pose fits the floor's corners.
-
-        Args:
-            focal: focal length to start with, as a share of the image's width; not used if a lens is given.
-        """
+    def start(self, focal: float) -> Floats:
+        """Return parameters from which the fit starts, with a focal length as a share of the image's width."""
         cv2 = opencv()
-        width, height = self.size_px
-        if self.lens is not None:
-            matrix, distortion = self.lens.matrix, self.lens.distortion
-        else:  # the lens has its centre in the middle of the image, and no distortion
-            middle = (np.array([width, height]) - 1) / 2
-            matrix, distortion = matrix_of(focal * width, middle), np.zeros(5)
-        # IPPE, for points in a plane, finds wrong poses from exactly above.
-        solved, turn, shift = cv2.solvePnP(
-            self.floor_m, self.floor_px, matrix, distortion, flags=cv2.SOLVEPNP_SQPNP
-        )
-        if not solved or not np.isfinite([turn, shift]).all():
-            return None
         # Focal length, centre (2), k1 and k2; see the table of parameters.
         of_lens = [] if self.lens is not None else [np.log(focal), 0.0, 0.0, 0.0, 0.0]
-        edge_px = 0.0
-        return np.concatenate([turn.ravel(), shift.ravel(), of_lens, [edge_px]])
+        at = np.array([*np.zeros(6), *of_lens, 0.0])
+        lens = self.camera(at).lens
+        # IPPE, for points in a plane, finds wrong poses from exactly above.
+        solved, turn, shift = cv2.solvePnP(
+            self.floor_m, self.floor_px, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_SQPNP
+        )
+        if not solved or not np.isfinite([turn, shift]).all():
+            raise InputError(
+                "the floor markers' places do not fit the picture; check their file", field="--markers"
+            )
+        at[:6] = np.concatenate([turn, shift]).ravel()
+        return at
 
 
 @with_one_blas_thread
@@ -328,13 +298,8 @@ def fit_camera(
         camera_height_m: height of the lens above the floor, if it was measured.
         have_rims: whether the floor's markers have white rims; if not, places are less sure.
     Raises:
-        InputError: there are fewer than 4 floor corners, or no camera explains them: the fit failed, the camera is not
-            above the robots, or the floor's corners are off by more than 2 % of the image's width.
+        InputError: the camera is not above the robots, or corners are off by more than 2 % of the image's width.
     """
-    if len(floor_m) < 4:
-        raise InputError(
-            "no marker of the floor was found in the video; at least one is needed", field="VIDEO"
-        )
     seen = _Seen(
         size_px=size_px,
         floor_m=floor_m,
@@ -348,12 +313,7 @@ def fit_camera(
     )
     # A lens that is given is not fitted, so one start is enough; its focal length is not used.
     focal_starts = FOCAL_STARTS if lens is None else (1.0,)
-    starts = [seen.start(focal) for focal in focal_starts]
-    fits = [seen.fitted(start) for start in starts if start is not None]
-    if not fits:
-        raise InputError(
-            "the floor markers' places do not fit the picture; check their file", field="--markers"
-        )
+    fits = [seen.fitted(seen.start(focal)) for focal in focal_starts]
     found = min(fits, key=lambda fit: float(fit.cost))
     camera = seen.camera(found.x)
     error_px = float(np.sqrt(np.mean(np.sum(seen.floor_errors(found.x, camera.lens) ** 2, axis=1))))
@@ -378,9 +338,6 @@ def outwards(corners_px: Floats) -> Floats:
     """Return by how much each corner moves, (markers, 4, 2), if all edges of its marker move outwards by one pixel.
 
     The corners of a square move along the diagonal: by one pixel along each of the two edges that meet there.
-
-    Args:
-        corners_px: (markers, 4, 2).
     """
     # Unit vectors from each corner to the next one. A corner moves against the edge that leaves it, and along the edge
     # that arrives at it.
@@ -391,24 +348,12 @@ def outwards(corners_px: Floats) -> Floats:
 
 
 def square_errors(corners_m: Floats, size_m: float) -> Floats:
-    """Return by how much the corners of markers differ from the best fitting squares of this size, (markers, 4, 2), m.
-
-    Args:
-        corners_m: corners of each marker, (markers, 4, 2). size_m: edge of the squares.
-    """
-    centre, along = square_of(corners_m)
-    return np.asarray(corners_m - centre[:, None] - square_corners(along, size_m))
-
-
-def square_corners(along_rad: Floats, size_m: float) -> Floats:
-    """Return the corners of squares with their centre at the origin, (markers, 4, 2), m.
-
-    Args:
-        along_rad: direction of each square's top edge from left to right, (markers,). size_m: of their edges.
-    """
+    """Return how corners of markers, (markers, 4, 2), differ from the best fitting squares of this size, m."""
+    centre, along_rad = square_of(corners_m)
     right = 0.5 * size_m * np.column_stack([np.cos(along_rad), np.sin(along_rad)])
     up = np.column_stack([-right[:, 1], right[:, 0]])
-    return np.stack([up - right, up + right, right - up, -up - right], axis=1)
+    squares = np.stack([up - right, up + right, right - up, -up - right], axis=1)
+    return np.asarray(corners_m - centre[:, None] - squares)
 
 
 def square_of(corners_m: Floats) -> tuple[Floats, Floats]:

@@ -8,7 +8,7 @@ sees in a whole frame. The floor's markers are searched in every ``WHOLE_EVERY``
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +18,7 @@ import numpy as np
 from vibroswarm.core.arrays import Floats
 from vibroswarm.lab.tracking import opencv
 from vibroswarm.lab.tracking.markers import Markers, dictionary_of, first_corner
-from vibroswarm.lab.tracking.video_file import Gray, Picture, grey, pictures_of, video_info
+from vibroswarm.lab.tracking.video_file import Gray, frames_of, video_info
 
 WHOLE_EVERY: Final = 75
 """Interval, in frames, at which a whole frame is searched."""
@@ -40,8 +40,6 @@ LEAST_ROUND: Final = 0.5
 1.2 to 1.5. Looking into smaller figures, such as noise, would take most of the time."""
 RIM: Final = 0.85
 """A rim is at least so white, from 0, a marker's black, to 1, its white."""
-SAMPLES: Final = 8
-"""Most frames of which ``Detections.samples`` keeps the picture."""
 
 Window = tuple[tuple[int, int], tuple[int, int]]
 """Left and top, right and bottom (exclusive), px."""
@@ -55,23 +53,16 @@ class Detections:
 
     size_px: tuple[int, int]
     time_s: Floats
-    """(frames,), from the first frame."""
     corners_px: Floats
     """(frames, robots, 4, 2): top left, top right, bottom right, bottom left of each marker; NaN: not seen."""
     floor_seen: Mapping[int, Sequence[tuple[int, Floats]]]
     """Floor markers that were seen: frame and corners, (4, 2), px, of each time, by their numbers."""
-    whole_frames: int
-    """Number of frames that were searched whole for all markers of the dictionary."""
-    unexpected: Mapping[int, Sequence[tuple[int, Floats]]] = field(default_factory=dict)
-    """Markers of the dictionary that are on no robot and not on the floor: frame and corners, (4, 2), px, each time
-    that one was seen in a whole frame, by its number."""
-    samples: tuple[Gray, ...] = ()
-    """The first frames that were searched whole, to judge the picture."""
+    first_frame: Gray
 
     @property
     def have_rims(self) -> bool:
-        """Whether the floor's markers have white rims, as in the first of the samples."""
-        return not self.samples or all(has_rim(self.samples[0], four) for four in self.floor_px.values())
+        """Whether the floor's markers have white rims, in the first frame."""
+        return all(has_rim(self.first_frame, four) for four in self.floor_px.values())
 
     @cached_property
     def floor_px(self) -> dict[int, Floats]:
@@ -125,7 +116,7 @@ def detect(
     partial: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Detections:
-    """Find the markers of robots and floor in a video.
+    """Find the markers of robots, in the order of ``markers.robots``, and of the floor in a video.
 
     If a robot's marker is seen at two places of a frame, the one that moves is used while the other, such as a spare
     print, lies still; of two that move, or of two that lie still, the one nearer to the robot's path before and after.
@@ -133,28 +124,21 @@ def detect(
     Args:
         partial: whether a video that ends early is accepted.
         progress: called after each frame with the number of frames done and the number of all frames.
-    Returns: detections with robots in the order of ``markers.robots``.
-    Raises:
-        InputError: the file is no video or has no frames; or it ends early, or does not state its number of frames, and
-            ``partial`` is false.
     """
-    info = video_info(path)
-    search = _Search(markers, info.size_px)
-    times = []
-    for k, (time_s, picture) in enumerate(pictures_of(path, partial=partial)):
+    size_px, _, frames = video_info(path)
+    search, times = _Search(markers, size_px), []
+    for k, (time_s, picture) in enumerate(frames_of(path, partial=partial)):
         search.look_at(k, picture)
         times.append(time_s)
         if progress is not None:
-            progress(k + 1, max(info.frames, k + 1))  # the header of the video may state too few frames
+            progress(k + 1, max(frames, k + 1))  # the header of the video may state too few frames
     search.finish(k, picture)
     return Detections(
-        size_px=info.size_px,
+        size_px=size_px,
         time_s=np.array(times),
         corners_px=np.stack([_followed(_without_spare(places)) for places in search.places], axis=1),
         floor_seen={marker: seen for marker, seen in search.floor.items() if seen},
-        whole_frames=search.whole_frames,
-        unexpected=search.unexpected,
-        samples=tuple(search.samples),
+        first_frame=next(frames_of(path, partial=True))[1],
     )
 
 
@@ -173,12 +157,9 @@ class _Search:
         )  # markers that were seen at several places: from then on looked for everywhere
         self.floor: dict[int, list[tuple[int, Floats]]] = {marker: [] for marker in markers.floor}
         """See ``Detections.floor_seen``; here also those that were not seen."""
-        self.unexpected: dict[int, list[tuple[int, Floats]]] = {}
-        self.samples: list[Gray] = []
-        self.whole_frames = 0
         self._searched_for_all = -1
 
-    def look_at(self, k: int, picture: Picture) -> None:
+    def look_at(self, k: int, picture: Gray) -> None:
         """Find the robots' markers in frame ``k``, and at times all markers."""
         here: list[list[Floats]] = [[] for _ in self._robots]
         for i, marker in enumerate(self._robots):
@@ -191,7 +172,7 @@ class _Search:
         if k % WHOLE_EVERY == 0 or (k % FLOOR_EVERY == 0 and not is_known):
             seen = self._search_for_all(k, picture)
         elif self._doubled or not all(here):
-            seen = self._finder.listed_in(grey(picture))
+            seen = self._finder.listed_in(picture)
         for i, marker in enumerate(self._robots):
             everywhere = seen.get(marker, [])
             if len(everywhere) > 1:
@@ -201,21 +182,18 @@ class _Search:
             self.places[i].append(here[i])
             self._remember(i, k, here[i])
 
-    def finish(self, k: int, picture: Picture) -> None:
+    def finish(self, k: int, picture: Gray) -> None:
         """Search the last frame for all markers, unless that was done: the camera may have been pushed since."""
         if k != self._searched_for_all:
             self._search_for_all(k, picture)
 
-    def _search_for_all(self, k: int, picture: Picture) -> Seen:
-        """Search the whole of frame ``k`` for all markers of the dictionary, and note those that are on no robot."""
-        self.whole_frames, self._searched_for_all = self.whole_frames + 1, k
-        if len(self.samples) < SAMPLES:
-            self.samples.append(grey(picture))
-        seen = self._finder.everywhere(grey(picture))
-        for marker in seen.keys() - set(self._robots):
-            noted = self.floor if marker in self.floor else self.unexpected
-            if len(seen[marker]) == 1:
-                noted.setdefault(marker, []).append((k, seen[marker][0]))
+    def _search_for_all(self, k: int, picture: Gray) -> Seen:
+        """Search the whole of frame ``k`` for all markers of the dictionary, and note those of the floor."""
+        self._searched_for_all = k
+        seen = self._finder.everywhere(picture)
+        for marker, noted in self.floor.items():
+            if len(places := seen.get(marker, [])) == 1:
+                noted.append((k, places[0]))
         return seen
 
     def _remember(self, i: int, k: int, places: Sequence[Floats]) -> None:
@@ -233,9 +211,6 @@ def _without_spare(places: Sequence[Sequence[Floats]]) -> Sequence[Sequence[Floa
     """Leave out a print that lies still while another one of the same number moves.
 
     It lies where a marker is in nine of ten frames with several, and those elsewhere move by more than a marker's edge.
-
-    Args:
-        places: corners, (4, 2), px, at each place of each frame.
     """
     several = [own for own in places if len(own) > 1]
     if not several:
@@ -257,7 +232,7 @@ def _without_spare(places: Sequence[Sequence[Floats]]) -> Sequence[Sequence[Floa
 def _followed(places: Sequence[Sequence[Floats]]) -> Floats:
     """Return a marker's corners in each frame, (frames, 4, 2), px: of several those nearest to its path; NaN: none.
 
-    The path begins where the marker is seen at a single place; if it never is, it is not followed.
+    The path begins where the marker is seen at a single place.
     """
     found = np.full((len(places), 4, 2), np.nan)
     first = next((k for k, own in enumerate(places) if len(own) == 1), None)
@@ -272,11 +247,7 @@ def _followed(places: Sequence[Sequence[Floats]]) -> Floats:
 
 
 class _Finder:
-    """Looks for markers in whole frames and in windows.
-
-    The four detectors are of the whole dictionary and of the markers that are listed, whose number is what most of the
-    time depends on; those for windows leave small figures out.
-    """
+    """Looks for markers in whole frames and in windows; the fewer markers are listed, the faster."""
 
     def __init__(self, cv2: Any, markers: Markers) -> None:
         self._cv2 = cv2
@@ -287,14 +258,13 @@ class _Finder:
         # The detector with a single threshold width, by this width.
         self._quick = cache(lambda width_px: of_listed(threshold_px=width_px, least_round=LEAST_ROUND))
 
-    def in_window(self, picture: Picture, window: Window, marker: int) -> list[Floats]:
-        """Look for a marker in a window of a picture.
+    def in_window(self, picture: Gray, window: Window, marker: int) -> list[Floats]:
+        """Return a marker's corners, (4, 2), px of the whole picture, at each place where it is seen in a window.
 
-        Returns: its corners, (4, 2), px of the whole picture, at each place where it is seen there: with one threshold
-            width; else with three, in the window as it is or, if the marker is small, enlarged.
+        It is looked for with one threshold width; else with three, in the window as it is or, if small, enlarged.
         """
         (left, top), (right, bottom) = window
-        cut = grey(np.ascontiguousarray(picture[top:bottom, left:right]))
+        cut = np.ascontiguousarray(picture[top:bottom, left:right])
         # An estimate: a window is as wide as the marker's edge and two margins. It is wider if the marker is turned or
         # moves, and narrower if the picture's border cuts it.
         edge_px = min(right - left, bottom - top) / (1.0 + 2.0 * MARGIN)
@@ -313,10 +283,9 @@ class _Finder:
 class _Detector:
     """OpenCV's detector of the markers of a dictionary, or of some of them.
 
-    OpenCV can find corners in two ways: as the point where lines fitted to two edges of a marker meet, or by refining
-    each corner by itself. Lines are used: with edges of 24 px, they give corners that are five times as exact, since
-    the squares inside a marker attract corners that are refined by themselves. If an edge of a very small marker has
-    too few pixels for a line, OpenCV raises an error; then each corner is refined by itself.
+    Corners are where lines fitted to two edges of a marker meet: with edges of 24 px this is five times as exact as
+    refining each corner by itself, since the squares inside a marker attract corners. If an edge of a very small
+    marker has too few pixels for a line, OpenCV raises an error; then each corner is refined by itself.
     """
 
     def __init__(
@@ -333,7 +302,7 @@ class _Detector:
         Args:
             listed: numbers of the markers that are looked for; None: all of the dictionary.
             threshold_px: width over which the adaptive threshold averages; None: OpenCV's three widths.
-            least_round: least circumference of a marker, as a share of the image's longer side; None: OpenCV's.
+            least_round: least circumference of a marker, as a share of the image's longer side.
         """
         self._cv2, self._first_corner = cv2, first_corner(dictionary)
         whole = dictionary_of(dictionary)
@@ -373,13 +342,7 @@ def _nearest_to(at: Floats, places: Sequence[Floats]) -> Floats:
 
 
 def _window(corners: Floats, moved: Floats, size_px: tuple[int, int]) -> Window | None:
-    """Return the window in which a marker should be if it moves as it did between the last two frames.
-
-    Args:
-        corners: corners of the marker where it was seen last, (4, 2), px.
-        moved: its movement between the last two frames, (2,), px. size_px: width and height of the picture.
-    Returns: None if less than 8 px of the window's width or height are in the picture.
-    """
+    """Return the window in which a marker should be if it moves again as it did; None: hardly in the picture."""
     edge = float(np.linalg.norm(corners[1] - corners[0]))
     # The window is moved by ``moved``. It is also enlarged by as much, since the robot may stop or turn.
     margin = MARGIN * edge + float(np.abs(moved).max())

@@ -26,11 +26,11 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice, shown
+from vibroswarm.lab.recordings.read_tables import read_model
 from vibroswarm.lab.tracking import opencv
 
 DICTIONARIES: Final = {
@@ -47,16 +47,7 @@ black border."""
 APRILTAG_0: Final = 0xD5D628584
 """The 36 small squares of the first marker of 36h11 as AprilTag's own pictures have it, row by row; 1: white."""
 SIZE_MM: Final = 22.0
-"""Default edge of a robot's marker."""
-HEIGHT_MM: Final = 30.0
-"""Default height of a robot's marker above the floor."""
 FLOOR_SIZE_MM: Final = 50.0
-"""Default edge of a floor marker."""
-ASIDE_M: Final = 0.055
-"""Default distance of the centres of floor markers from the arena, outwards: from its left or right side for the four
-near its corners, from its lower or upper end for those between two cameras."""
-INWARD_M: Final = 0.04
-"""Default distance, in y, of the centres of the four from the lower or upper end of the arena, inwards."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +58,7 @@ class Markers:
     robots: Mapping[int, int]
     """The name of each robot, by its marker. Arrays and lists with an entry per robot have this order."""
     size_m: float
-    """Edge of a robot's marker."""
     height_m: float
-    """Height of robots' markers above the floor."""
     floor: Mapping[int, tuple[float, float, float]]
     """x and y of the centre, and the angle, of each floor marker, by its number."""
     floor_size_m: float
@@ -99,12 +88,7 @@ class Markers:
 
 
 def corners_at(x_m: float, y_m: float, up_rad: float, size_m: float, z_m: float) -> Floats:
-    """Return the corners of a marker in the detector's order (top left, top right, bottom right, bottom left).
-
-    Args:
-        x_m, y_m, z_m: centre of the marker. up_rad: direction from its centre to its top edge. size_m: of its edges.
-    Returns: (4, 3), m.
-    """
+    """Return the corners of a marker, (4, 3), m; ``up_rad`` is the direction to its top edge."""
     up = np.array([math.cos(up_rad), math.sin(up_rad)]) * size_m / 2
     right = np.array([up[1], -up[0]])
     flat = np.array([x_m, y_m]) + np.array([up - right, up + right, right - up, -up - right])
@@ -112,7 +96,6 @@ def corners_at(x_m: float, y_m: float, up_rad: float, size_m: float, z_m: float)
 
 
 FLOOR_MARKERS: Final = 4
-"""Number of default floor markers."""
 
 
 def usual_markers(
@@ -121,7 +104,7 @@ def usual_markers(
     height_m: float,
     *,
     size_mm: float = SIZE_MM,
-    height_mm: float = HEIGHT_MM,
+    height_mm: float = 30.0,
 ) -> Markers:
     """Return the default markers for an arena, from the smallest dictionary of 4 by 4 squares that has enough.
 
@@ -130,27 +113,23 @@ def usual_markers(
     Args:
         robots: number of robots, or the markers of robots 0, 1, ... width_m, height_m: of the arena.
         size_mm, height_mm: edge and height of robots' markers.
-    Raises:
-        InputError: there are no robots; or robots' markers repeat, are negative, or are so large that no dictionary has
-            room for the floor's markers above them.
     """
     ids = list(range(robots)) if isinstance(robots, int) else list(robots)
-    if len(set(ids)) != len(ids) or not ids or min(ids) < 0:
-        raise InputError(f"{shown(ids)} must be different numbers from 0 on", field="--markers")
-    # Sizes of dictionaries in which the floor's markers, the last ones, are above all robots' markers.
-    counts = [count for count in (50, 100, 250, 1000) if max(ids) < count - FLOOR_MARKERS]
-    if not counts:
+    if len(set(ids)) != len(ids) or not ids or not 0 <= min(ids) <= max(ids) < 1000 - FLOOR_MARKERS:
         raise InputError(
-            f"{max(ids)} is too large; give numbers below {1000 - FLOOR_MARKERS}", field="--markers"
+            f"{shown(ids)} must be different numbers from 0 to {999 - FLOOR_MARKERS}", field="--markers"
         )
-    left, right, low, high = -ASIDE_M, width_m + ASIDE_M, INWARD_M, height_m - INWARD_M
+    # The smallest dictionary in which the floor's markers, the last ones, are above all robots' markers.
+    most = next(count for count in (50, 100, 250, 1000) if max(ids) < count - FLOOR_MARKERS)
+    # Centres are 55 mm outside of the arena's left or right side, 40 mm above its lower or below its upper one.
+    left, right, low, high = -0.055, width_m + 0.055, 0.04, height_m - 0.04
     places = ((left, low), (right, low), (right, high), (left, high))
     return Markers(
-        dictionary=f"4X4_{counts[0]}",
+        dictionary=f"4X4_{most}",
         robots={marker: robot for robot, marker in enumerate(ids)},
         size_m=size_mm / 1000,
         height_m=height_mm / 1000,
-        floor={counts[0] - FLOOR_MARKERS + k: (x, y, 0.0) for k, (x, y) in enumerate(places)},
+        floor={most - FLOOR_MARKERS + k: (x, y, 0.0) for k, (x, y) in enumerate(places)},
         floor_size_m=FLOOR_SIZE_MM / 1000,
     )
 
@@ -202,17 +181,8 @@ class _File(_Part):
 
 
 def read_markers(path: Path) -> Markers:
-    """Read a file of markers.
-
-    Raises:
-        InputError: it is not such a file; the message names the key that is wrong.
-    """
-    values = parsed_toml(read_text(path, "a file of markers", most=2**20), str(path))
-    try:
-        file = _File.model_validate(values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(first["msg"], field=f"{path}, {'.'.join(map(str, first['loc']))}") from None
+    """Read a file of markers."""
+    file = read_model(_File, path, "a file of markers")
     check_choice(file.dictionary, f"{path}, dictionary", DICTIONARIES)
     ids, robots, floor = file.robots.ids, file.robots, file.floor
     carried = dict(ids) if isinstance(ids, dict) else {marker: robot for robot, marker in enumerate(ids)}

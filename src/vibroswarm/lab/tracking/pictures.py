@@ -1,8 +1,8 @@
-"""Pictures of a tracking: paths over the floor, and when each robot was seen."""
+"""Picture of a tracking: paths over the floor."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,9 @@ import polars as pl
 
 from vibroswarm.core.numbers import stated
 from vibroswarm.lab.tracking.track import GAP_S
-from vibroswarm.plots.layout import legend_below, new_figure, rows_of, to_scale
+from vibroswarm.plots.layout import legend_below, new_figure, to_scale
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, INK, LINE, SERIES_UP_TO, look, style_named
+from vibroswarm.plots.style import INK, SERIES_UP_TO, look, style_named
 
 
 @drawn
@@ -28,7 +28,6 @@ def draw_tracks(
     Args:
         positions: ``track.POSITIONS``, at least one row. stops: ``stops.STOPS``.
         floor_markers: x, y (m) and angle of each floor marker, by its number.
-    Returns: the picture; its numbers are ``robot, time_s, x_m, y_m``.
     """
     sizes = style_named(style)
     figure = new_figure(sizes)
@@ -43,52 +42,13 @@ def draw_tracks(
         names.append(f"robot {own['robot'][0]}")
     markers_m = np.array([[x, y] for x, y, _ in floor_markers.values()]).reshape(-1, 2)
     marks = {"stop": stops.select("x_m", "y_m").to_numpy(), "marker of the floor": markers_m}
-    for (name, at), shape in zip(marks.items(), ("o", "s"), strict=True):
-        if len(at):
-            handles += axes.plot(*at.T, ls="", marker=shape, ms=0.8 * sizes.marker_pt, color=INK, mfc="none")
-            names.append(name)
-    margin_m = 0.03
+    for at, shape in zip(marks.values(), ("o", "s"), strict=True):
+        handles += axes.plot(*at.T, ls="", marker=shape, ms=0.8 * sizes.marker_pt, color=INK, mfc="none")
+    names += marks
     places = np.concatenate([positions.select("x_m", "y_m").to_numpy(), *marks.values()])
-    low, high = places.min(axis=0) - margin_m, places.max(axis=0) + margin_m
+    low, high = places.min(axis=0) - 0.03, places.max(axis=0) + 0.03
     axes.set(xlabel="x (m)", ylabel="y (m)", xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     legend_below(figure, sizes, handles, names)
     to_scale(figure, sizes, [axes], float((high - low)[1] / (high - low)[0]))
     caption = f"Lines break where a robot was not seen for more than {stated(GAP_S)} s."
     return Picture(figure, positions.select("robot", "time_s", "x_m", "y_m"), caption, style)
-
-
-@drawn
-def draw_time_line(
-    robots: Sequence[int],
-    gaps: pl.DataFrame,
-    stops: pl.DataFrame,
-    span_s: tuple[float, float],
-    *,
-    style: str = "page",
-) -> Picture:
-    """Draw a row for each robot: when it stood, and when it was not seen.
-
-    Args:
-        robots: their names. gaps: result of ``Tracking.gaps``. stops: ``stops.STOPS``.
-        span_s: when the video begins and ends.
-    Returns: the picture; its numbers are ``robot, mark, start_s, end_s``, with the marks gap and stop.
-    """
-    sizes = style_named(style)
-    rows = rows_of(sizes, [f"robot {robot}" for robot in robots], "time in the video (s)")
-    marks: dict[str, tuple[pl.DataFrame, dict[str, Any]]] = {
-        "stop": (stops, {"color": LINE}),
-        "gap": (gaps, {"color": FAINT, "hatch": "////"}),
-    }
-    numbers, handles = [], {}
-    for mark, (spans, looks) in marks.items():
-        for row, robot in enumerate(robots):
-            own = spans.filter(robot=robot).select("start_s", "end_s").rows()
-            bars = [(start_s, end_s - start_s) for start_s, end_s in own]
-            handles[mark] = rows.axes.broken_barh(bars, (row - 0.3, 0.6), **looks)
-            numbers += [(robot, mark, *span) for span in own]
-    rows.axes.set_xlim(*span_s)
-    legend_below(rows.figure, sizes, list(handles.values()), list(handles))
-    schema = {"robot": pl.Int64, "mark": pl.String, "start_s": pl.Float64, "end_s": pl.Float64}
-    return Picture(
-        rows.figure, pl.DataFrame(numbers, schema=schema, orient="row"), "When robots stood.", style
-    )

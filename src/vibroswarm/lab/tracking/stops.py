@@ -39,7 +39,7 @@ SHORTEST_S: Final = 0.6
 AFTER: Final = 3
 """Number of frames after a stop to whose movement the line is fitted that gives the end."""
 BIN_S: Final = 0.25
-"""Width of a bin in which the most frequent clock offset is searched."""
+"""Differences of true pairs are within this of the clock offset."""
 MATCH_S: Final = 0.5
 """A sample and the end of a stop match if they are at most this far apart, once the clocks are matched."""
 LEAST_PAIRS: Final = 8
@@ -63,21 +63,11 @@ class ClockOffset:
 
     offset_s: float
     error_s: float
-    """Standard error."""
     pairs: int
-    """Number of pairs of a sample of the log and a stop that match."""
-    samples: int
-    """Number of samples of the log while the camera saw stops."""
-    control_period_s: float = 0.0
-    """Time from a sample to the end of its stop, s: the robot samples at one control tick and drives on at the next."""
 
 
 def stops_of(robot: int, time_s: Floats, x_m: Floats, y_m: Floats, heading_rad: Floats) -> pl.DataFrame:
-    """Return the stops of one robot (``STOPS``), in the order of time.
-
-    Args:
-        time_s, x_m, y_m, heading_rad: pose at each detection, (detections,), with increasing times.
-    """
+    """Return the stops of one robot (``STOPS``) from its pose at each detection, (detections,)."""
     heading = np.unwrap(heading_rad)
     near_m = max(NOISES * max(_noise(x_m), _noise(y_m)), LEAST_M)
     near_rad = max(NOISES * _noise(heading), LEAST_RAD)
@@ -108,8 +98,7 @@ def stops_of(robot: int, time_s: Floats, x_m: Floats, y_m: Floats, heading_rad: 
 def _noise(values: Floats) -> float:
     """Return the standard deviation of a coordinate's noise; 0 with fewer than 5 values.
 
-    It is computed from second differences, which a steady movement does not change. The variance of a second difference
-    is 6 times that of the noise: 1 + 4 + 1.
+    Second differences, which a steady movement does not change, have 6 times the variance of the noise: 1 + 4 + 1.
     """
     if values.size < 5:
         return 0.0
@@ -120,73 +109,45 @@ def _end_of(after: int, time_s: Floats, moved: Floats) -> tuple[float, bool]:
     """Return when a stop ended, s, and whether that was seen; if not, when the robot was last seen standing.
 
     Args:
-        after: index of the first detection after the stop; the number of detections if there is none.
-        moved: how far the robot is from its pose in the stop at each detection, (detections,), m.
+        after: index of the first detection after the stop. moved: how far the robot is from its pose in the stop at
+            each detection, (detections,), m.
     """
-    last_s = float(time_s[after - 1])
-    usual_s = float(np.median(np.diff(time_s)))
-    # The next AFTER detections, without those that are late because frames are missing. Without missing frames, the
-    # last one is AFTER frames after the stop; half a frame is added for uneven frames.
-    going = after + np.flatnonzero(time_s[after : after + AFTER] - last_s < (AFTER + 0.5) * usual_s)
-    # The video is over, or the next frame is missing.
-    if going.size == 0 or time_s[after] - last_s > 1.5 * usual_s:
+    last_s, usual_s = float(time_s[after - 1]), float(np.median(np.diff(time_s)))
+    since_s = time_s[after : after + AFTER] - last_s
+    if since_s.size < 2 or since_s[-1] > (AFTER + 0.5) * usual_s:  # the video is over, or frames are missing
         return last_s, False
-    step_s = float(time_s[after]) - last_s
-    # A line through the movement, as slope and value at the last frame in which the robot stands.
-    slope, at_last = np.polyfit(time_s[going] - last_s, moved[going], 1) if going.size > 1 else (0.0, 0.0)
-    # The robot drove off between that frame and the next one: where the line is 0, or in the middle if there is no
-    # rising line.
-    since_last_s = float(np.clip(-at_last / slope, 0.0, step_s)) if slope > 0.0 else 0.5 * step_s
-    return last_s + since_last_s, True
+    # The robot drove off between that frame and the next one: where a line through its movement is 0, or in the middle
+    # if there is no rising line.
+    slope, at_last = np.polyfit(since_s, moved[after : after + AFTER], 1)
+    began_s = np.clip(-at_last / slope, 0.0, since_s[0]) if slope > 0.0 else 0.5 * since_s[0]
+    return last_s + float(began_s), True
 
 
 def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float = 0.0) -> ClockOffset:
     """Find by how much the robots' clock is ahead of the camera's, from the samples of a log and the stops seen.
 
     Every sample of a robot is paired with every stop of this robot. The differences in time of the true pairs are all
-    about equal, so the most frequent difference is searched, and refined to the median of the differences near it.
+    about equal: their median in the window of twice ``BIN_S`` that has the most.
 
     Args:
-        stops: ``STOPS``; only those whose end was seen are used. log: robot and time_s (by the robots' clock) of each
-            sample.
-        control_period_s: time from a sample to the end of its stop, s. A robot samples at one control tick and drives
-            on at the next.
-    Raises:
-        InputError: no robot of the log has a stop whose end was seen, or fewer than ``LEAST_PAIRS`` pairs match.
+        log: robot and time_s (by the robots' clock) of each sample. control_period_s: time from a sample to the end
+            of its stop, s.
     """
     stops = stops.filter(pl.col("end_seen"))
     pairs = log.select("robot", "time_s").join(stops.select("robot", "end_s"), on="robot")
     differences = (pairs["time_s"] - pairs["end_s"]).to_numpy()
     if differences.size == 0:
         raise InputError("no robot of the log stops in the video", field="--log")
-    # An empty bin comes first, so that there are two neighbouring bins even if all differences are equal. ``minlength``
-    # ensures this if rounding puts all differences into the first bin.
-    low = differences.min() - BIN_S
-    counts = np.bincount(((differences - low) / BIN_S).astype(int), minlength=2)
-    # The true difference may lie near a border of bins, so two neighbouring bins are counted together. The search
-    # starts at the border between the two bins that have most together.
-    peak = low + BIN_S * (int(np.argmax(counts[:-1] + counts[1:])) + 1)
-    # The peak moves to the median of the differences near it, three times. The second range is wider, to include true
-    # differences that the first one missed; the last one is narrow, to have few wrong pairs.
-    for within_s in (BIN_S, MATCH_S, BIN_S):
-        matched = differences[np.abs(differences - peak) < within_s]
-        if matched.size:
-            peak = float(np.median(matched))
-    matched = differences[np.abs(differences - peak) < MATCH_S]
+    ordered = np.sort(differences)
+    in_window = np.searchsorted(ordered, ordered + 2.0 * BIN_S) - np.arange(ordered.size)
+    first = int(np.argmax(in_window))
+    peak = float(np.median(ordered[first : first + in_window[first]]))
+    matched = ordered[np.abs(ordered - peak) < MATCH_S]
     if matched.size < LEAST_PAIRS:
         raise InputError(
             f"only {matched.size} of its samples match a stop in the video; are both of one session?",
             field="--log",
         )
     spread_s = 1.4826 * float(np.median(np.abs(matched - peak)))  # standard deviation, robust to wrong pairs
-    ends = stops["end_s"].to_numpy()
-    log_s = log["time_s"].to_numpy() - peak  # on the video's clock
-    during = int(((log_s >= ends.min() - MATCH_S) & (log_s <= ends.max() + MATCH_S)).sum())
-    return ClockOffset(
-        # ``peak`` compares samples with ends of stops, and a stop ends one control period after its sample.
-        offset_s=peak + control_period_s,
-        error_s=1.2533 * spread_s / matched.size**0.5,
-        pairs=int(matched.size),
-        samples=during,
-        control_period_s=control_period_s,
-    )
+    # ``peak`` compares samples with ends of stops, and a stop ends one control period after its sample.
+    return ClockOffset(peak + control_period_s, 1.2533 * spread_s / matched.size**0.5, int(matched.size))

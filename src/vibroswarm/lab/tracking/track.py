@@ -6,7 +6,7 @@ first frame, unless they are said to be on the robots' clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -17,16 +17,13 @@ import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import number, stated
-from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
-from vibroswarm.lab.recordings.log import SAMPLES, TRACKS, Log, log_frame
+from vibroswarm.lab.recordings.read import SAMPLES, TRACKS, Log, log_frame
 from vibroswarm.lab.recordings.read_tables import files_of, read_rows
-from vibroswarm.lab.tracking import opencv
-from vibroswarm.lab.tracking.camera import Camera, Lens, fit_camera, square_of
+from vibroswarm.lab.tracking.camera import Camera, Lens, fit_camera, outwards, square_of
 from vibroswarm.lab.tracking.marker_detection import Detections, detect
-from vibroswarm.lab.tracking.markers import DICTIONARIES, Markers, dictionary_of
+from vibroswarm.lab.tracking.markers import Markers
 from vibroswarm.lab.tracking.stops import STOPS, ClockOffset, clock_offset, stops_of
-from vibroswarm.lab.tracking.video_file import Gray
 
 POSITIONS: Final = {
     "robot": pl.Int64, "time_s": pl.Float64, "x_m": pl.Float64, "y_m": pl.Float64, "heading_rad": pl.Float64,
@@ -37,6 +34,8 @@ GAP_S: Final = 1.0
 """Positions are not interpolated over longer gaps."""
 MOVED_PX: Final = 0.5
 """If the floor's markers move by more than this (``Detections.floor_spread``), the camera moves."""
+FLOOR_PX: Final = 1.0
+"""A floor marker with a larger error is not where the file has it."""
 SMALL_PX: Final = 20.0
 """A marker with a smaller edge is read badly."""
 PLACES_M: Final = 0.003
@@ -62,41 +61,33 @@ class Tracking:
     """``POSITIONS``."""
     stops: pl.DataFrame
     """``stops.STOPS``."""
-    dropped: pl.DataFrame
-    """The positions that were dropped as too fast, ``POSITIONS``."""
-
-    @property
-    def span_s(self) -> tuple[float, float]:
-        """Times of the first and the last frame."""
-        return float(self.detections.time_s[0]), float(self.detections.time_s[-1])
+    dropped: int
+    """Number of positions that were dropped as too fast."""
 
     def gaps(self) -> pl.DataFrame:
-        """Return the gaps of more than ``GAP_S`` in which robots were not seen, also at both ends of the video.
-
-        Returns: robot, start_s, end_s of each gap, in the order of robots and times. A robot that was never seen has
-            one gap, the whole video.
-        """
-        first_s, last_s = self.span_s
-        own = {
-            robot: self.positions.filter(pl.col("robot") == robot) for robot in self.markers.robots.values()
-        }
+        """Return robot, start_s, end_s of gaps of more than ``GAP_S``, also at both ends of the video."""
+        first_s, last_s = self.detections.time_s[[0, -1]].tolist()
         rows = [
             (robot, start_s, end_s)
-            for robot, positions in own.items()
-            for start_s, end_s in pairwise([first_s, *positions["time_s"].to_list(), last_s])
+            for robot in self.markers.robots.values()
+            for start_s, end_s in pairwise([first_s, *self.positions.filter(robot=robot)["time_s"], last_s])
             if end_s - start_s > GAP_S
         ]
         schema = {"robot": pl.Int64, "start_s": pl.Float64, "end_s": pl.Float64}
         return pl.DataFrame(rows, schema=schema, orient="row")
 
-    def share_found(self) -> float:
-        """Return the share of frames in which robots were found, averaged over robots."""
-        frames, robots = self.detections.corners_px.shape[:2]
-        return float(self.positions.height / (frames * robots))
-
-    def camera_moves(self) -> bool:
-        """Return whether the floor's markers move in the picture."""
-        return self.detections.floor_spread[0] > MOVED_PX
+    def floor_errors(self) -> pl.DataFrame:
+        """Return floor markers' places, and how well the camera meets their corners (RMS; null: not seen)."""
+        errors = {}
+        for marker, corners in self.detections.floor_px.items():
+            seen = corners - self.camera.edge_px * outwards(corners[None])[0]
+            away = seen - self.camera.project(self.markers.floor_corners(marker))
+            errors[marker] = float(np.sqrt((away**2).sum(axis=1).mean()))
+        rows = [
+            (marker, x_m, y_m, errors.get(marker)) for marker, (x_m, y_m, _) in self.markers.floor.items()
+        ]
+        schema = {"marker": pl.Int64, **dict.fromkeys(("x_m", "y_m", "error_px"), pl.Float64)}
+        return pl.DataFrame(rows, schema=schema, orient="row")
 
     def warnings(self) -> list[str]:
         """Return sentences on what a user should know of this video, such as markers that are too small."""
@@ -116,12 +107,18 @@ class Tracking:
         ]
         if never:
             found.append(f"Never seen, or only at two places at once: robots {', '.join(map(str, never))}.")
-        if self.camera_moves():
-            moved_px, frame = self.detections.floor_spread
+        moved_px, frame = self.detections.floor_spread
+        if moved_px > MOVED_PX:
             found.append(
                 f"The floor's markers move in the picture (by {number(moved_px, 1)} px, most at "
                 f"{number(self.detections.time_s[frame], 1)} s): the camera moves, vibrates or was pushed, and "
                 "positions are off by as much; fix it to something that does not move."
+            )
+        is_off = pl.col("error_px").fill_null(np.inf) > FLOOR_PX
+        off = self.floor_errors().filter(is_off)["marker"].to_list()
+        if off:
+            found.append(
+                f"Markers of the floor not seen, or not where the file has them: {', '.join(map(str, off))}."
             )
         if self.camera.place_error_m > PLACES_M:
             found.append(
@@ -145,14 +142,10 @@ def track(
     """Track the robots of a video.
 
     Args:
-        markers: those of the robots and of the floor.
         lens: a lens that was fitted to a chessboard; None: the lens is fitted to the markers of floor and robots.
         lens_size_px: width and height of the video of the chessboard.
         camera_height_m: height of the camera, if it was measured. partial: whether a video that ends early is accepted.
         progress: called with the number of frames done and the number of all frames.
-    Raises:
-        InputError: it is no video, ends early (unless ``partial`` is true), shows no marker of a robot or none of the
-            floor, is of another size than the video of the chessboard, or the floor's markers are not in their places.
     """
     seen = detect(video, markers, partial=partial, progress=progress)
     if lens is not None and lens_size_px is not None and lens_size_px != seen.size_px:
@@ -169,7 +162,8 @@ def track(
         if not is_there:
             raise InputError(
                 f"shows none of the {whose} markers {wanted} (dictionary {markers.dictionary}), or only at two places "
-                f"of a frame: {_why_none(seen.samples, markers)}",
+                f"of a frame; are they of this dictionary, not mirrored, at least {stated(SMALL_PX)} px wide, with a "
+                "white rim?",
                 field=str(video),
             )
     robots_px = seen.corners_px[is_seen]
@@ -198,20 +192,10 @@ def track(
 
 def _robot_tables(
     seen: Detections, is_seen: Bools, camera: Camera, markers: Markers
-) -> tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]:
-    """Return the robots' positions (``POSITIONS``), stops (``stops.STOPS``), and positions dropped as too fast.
-
-    Each table has the robots one after the other; robots that were never seen have no rows.
-
-    Args:
-        is_seen: whether a robot's marker was seen, (frames, robots).
-    """
+) -> tuple[pl.DataFrame, pl.DataFrame, int]:
+    """Return the robots' positions (``POSITIONS``), stops (``stops.STOPS``), and how many positions are too fast."""
     # Empty tables come first, so that no list is empty.
-    tables, stops, dropped = (
-        [pl.DataFrame(schema=POSITIONS)],
-        [pl.DataFrame(schema=STOPS)],
-        [pl.DataFrame(schema=POSITIONS)],
-    )
+    tables, stops, dropped = [pl.DataFrame(schema=POSITIONS)], [pl.DataFrame(schema=STOPS)], 0
     for i, name in enumerate(markers.robots.values()):
         own = seen.corners_px[is_seen[:, i], i]
         if not len(own):  # the robot was never seen
@@ -222,16 +206,15 @@ def _robot_tables(
         # direction from the marker's centre to its top, and ``forward_rad`` from that is the robot's heading.
         heading = wrapped(along + np.pi / 2 + markers.forward_rad)
         kept = ~too_fast(time_s, centre)
+        dropped += int((~kept).sum())
+        time_s, centre, heading = time_s[kept], centre[kept], heading[kept]
         columns = {
             "robot": np.full(time_s.size, name), "time_s": time_s, "x_m": centre[:, 0], "y_m": centre[:, 1],
             "heading_rad": heading,
         }  # fmt: skip
-        table = pl.DataFrame(columns, schema=POSITIONS)
-        tables.append(table.filter(pl.Series(kept)))
-        dropped.append(table.filter(pl.Series(~kept)))
-        time_s, centre, heading = time_s[kept], centre[kept], heading[kept]
+        tables.append(pl.DataFrame(columns, schema=POSITIONS))
         stops.append(stops_of(name, time_s, centre[:, 0], centre[:, 1], heading))
-    return pl.concat(tables), pl.concat(stops), pl.concat(dropped)
+    return pl.concat(tables), pl.concat(stops), dropped
 
 
 def wrapped(angle_rad: Floats) -> Floats:
@@ -239,35 +222,11 @@ def wrapped(angle_rad: Floats) -> Floats:
     return np.asarray(np.angle(np.exp(1j * angle_rad)))
 
 
-def _why_none(frames: Sequence[Gray], markers: Markers) -> str:
-    """Return why frames show none of some markers, as far as they tell."""
-    seen = {name: _ids_in(frames, name) for name in DICTIONARIES}
-    best = max(
-        seen, key=lambda name: len(seen[name])
-    )  # of equally good ones the first, which is the smallest
-    if len(seen[best]) > 1 and not seen[best] <= seen[markers.dictionary]:
-        return f"its markers are of the dictionary {best} ({sorted(seen[best])[:12]})"
-    return (
-        f"it shows the markers {sorted(seen[markers.dictionary])[:12]}; are they in it, not mirrored, at least "
-        f"{stated(SMALL_PX)} px wide and with a white rim?"
-    )
-
-
-def _ids_in(frames: Sequence[Gray], dictionary: str) -> set[int]:
-    detector = opencv().aruco.ArucoDetector(dictionary_of(dictionary))
-    found = [detector.detectMarkers(np.ascontiguousarray(frame))[1] for frame in frames[::3]]
-    return {int(number) for ids in found if ids is not None for number in np.asarray(ids).ravel()}
-
-
 def too_fast(time_s: Floats, centre_m: Floats) -> Bools:
     """Return whether each position is too far from those before and after it for a robot's speed, (positions,).
 
-    The first and the last position have only one neighbour. Such a position is too far if the step to the neighbour is
-    too fast and the neighbour's other step is not: if both are too fast, it is the neighbour that is wrong. With fewer
-    than three positions none is too far, since of two positions either may be wrong.
-
-    Args:
-        time_s: ascending, (positions,). centre_m: (positions, 2).
+    The first and the last position are too far if the step to the neighbour is too fast and the neighbour's other
+    step is not. With fewer than three positions none is too far, since of two positions either may be wrong.
     """
     if time_s.size < 3:
         return np.zeros(time_s.size, dtype=np.bool_)
@@ -281,16 +240,7 @@ def too_fast(time_s: Floats, centre_m: Floats) -> Bools:
 
 
 def read_robot_log(path: Path) -> pl.DataFrame:
-    """Read a robots' log: a CSV file with the columns robot, time_s (by the robots' clock) and energy.
-
-    The other columns of ``recordings.log.SAMPLES`` are optional. Poses in the log are not read, since the camera gives
-    them. Rows without an energy are not samples, and are left out.
-
-    Returns: the columns of ``recordings.log.SAMPLES``, in which columns that were not read are null.
-    Raises:
-        InputError: the file cannot be read as CSV, a required column is missing, a cell is not a number or out of
-            range, or a sample lacks robot or time_s.
-    """
+    """Read a robots' log: columns of ``SAMPLES`` without poses; rows without an energy are left out."""
     schema = {use: one._replace(required=False) for use, one in SAMPLES.items() if use not in PLACES}
     schema |= {use: SAMPLES[use]._replace(required=True) for use in ("robot", "time_s", "energy")}
     return log_frame(read_rows(files_of(path), schema).rows)
@@ -302,28 +252,21 @@ class TrackedLog:
 
     log: Log
     offset: ClockOffset
-    outside: int
-    """Number of samples that are left out since they were taken before the video began or after it ended."""
     unseen: int
-    """Number of samples that are left out since they were taken in a gap of the tracking."""
+    """Number of samples that are left out since they were taken outside of the video or in a gap of the tracking."""
 
 
 def with_positions(
     tracking: Tracking, samples: pl.DataFrame, name: str, control_period_s: float = 0.0
 ) -> TrackedLog:
-    """Join the samples of a robots' log with the poses at which the camera saw the robots.
+    """Join the samples of a robots' log with the poses at which the camera saw the robots, by the robots' clock.
 
-    The times of the result are those of the robots' clock. Poses at the times of samples are interpolated. Samples
-    outside the video or in gaps of the tracking are left out. The positions seen by the camera become the log's tracks.
-    Those before time 0 of the robots' clock are left out, since a log has no negative times.
+    Poses at the times of samples are interpolated. Samples outside the video or in gaps of the tracking are left out.
+    The positions seen by the camera become the log's tracks, without those before time 0.
 
     Args:
-        tracking: what the camera saw. samples: result of ``read_robot_log``.
-        name: path of the log, for messages; the last part of the path becomes the name of the result's log.
-        control_period_s: time from a sample to the end of its stop, s. A robot samples at one control tick and drives
-            on at the next.
-    Raises:
-        InputError: the clocks cannot be matched, a robot of the log has no marker, or no sample has a position.
+        samples: result of ``read_robot_log``. name: path of the log. control_period_s: time from a sample to the end of
+            its stop, s: a robot samples at one control tick and drives on at the next.
     """
     without_marker = set(samples["robot"].unique().to_list()) - set(tracking.markers.robots.values())
     if without_marker:
@@ -331,38 +274,32 @@ def with_positions(
             f"has robot {min(without_marker)}, which has no marker in the file of markers", field=name
         )
     offset = clock_offset(tracking.stops, samples, control_period_s)
-    first_s, last_s = tracking.span_s
-    outside, unseen, parts = 0, 0, []
+    parts = [samples.clear()]
     for robot in tracking.markers.robots.values():
-        own = samples.filter(pl.col("robot") == robot)
-        seen = tracking.positions.filter(pl.col("robot") == robot)
+        own, seen = samples.filter(robot=robot), tracking.positions.filter(robot=robot)
         time_s = own["time_s"].to_numpy() - offset.offset_s  # of samples, on the video's clock
-        during = (time_s >= first_s) & (time_s <= last_s)
-        outside += int((~during).sum())
         seen_s = seen["time_s"].to_numpy()
         if seen_s.size < 2:  # nothing can be interpolated
-            unseen += int(during.sum())
             continue
         # Index of the position after each sample. The limits keep the index valid for samples that are not located.
         after = np.clip(np.searchsorted(seen_s, time_s), 1, seen_s.size - 1)
         in_no_gap = seen_s[after] - seen_s[after - 1] <= GAP_S
         is_located = (time_s >= seen_s[0]) & (time_s <= seen_s[-1]) & in_no_gap
-        unseen += int((during & ~is_located).sum())
         heading = np.unwrap(seen["heading_rad"].to_numpy())
         parts.append(
             own.with_columns(
                 x_m=pl.Series(np.interp(time_s, seen_s, seen["x_m"].to_numpy())),
                 y_m=pl.Series(np.interp(time_s, seen_s, seen["y_m"].to_numpy())),
                 heading_rad=pl.Series(wrapped(np.interp(time_s, seen_s, heading))),
-            ).filter(pl.Series(during & is_located))
+            ).filter(pl.Series(is_located))
         )
-    if not parts or sum(part.height for part in parts) == 0:
+    located = pl.concat(parts).sort("time_s", "robot")
+    if located.is_empty():
         raise InputError("none of its samples has a position in the video", field=name)
     # ``line`` is the number of a row in the log's file. Positions by the camera are not in this file: their line is 0.
     tracks = tracking.positions.with_columns(
         pl.col("time_s") + offset.offset_s, line=pl.lit(0, dtype=pl.UInt32)
     ).filter(pl.col("time_s") >= 0.0)
-    located = pl.concat(parts).sort("time_s", "robot")
     log = Log(
         name=Path(name).name,
         reader="camera",
@@ -370,17 +307,4 @@ def with_positions(
         tracks=tracks.sort("time_s", "robot").select(TRACKS),
         counts={"rows": samples.height},
     )
-    return TrackedLog(log, offset, outside=outside, unseen=unseen)
-
-
-def write_tables(folder: Path, tracking: Tracking) -> None:
-    """Write positions, stops and gaps as CSV, rounded to 6 decimals (micrometres and microseconds).
-
-    The positions are also written unrounded, as Parquet.
-    """
-    from polars.selectors import float as float_columns
-
-    tracking.positions.write_parquet(folder / "positions.parquet")
-    tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
-    for name, table in tables.items():
-        (folder / f"{name}.csv").write_bytes(csv_bytes(table.with_columns(float_columns().round(6))))
+    return TrackedLog(log, offset, unseen=samples.height - located.height)
