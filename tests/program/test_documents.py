@@ -159,7 +159,7 @@ def check_line(line: str, block: Block, is_run_before: bool) -> None:
 def read_as_what_it_is(text: str, folder: Path) -> str:
     """What a TOML block is, found by its tables; raises where it is not right."""
     from vibroswarm import Scenario, Study
-    from vibroswarm.lab.recordings.read_tables import ColumnMap
+    from vibroswarm.core.read_tables import ColumnMap
     from vibroswarm.search import Search
 
     tables = tomllib.loads(text)

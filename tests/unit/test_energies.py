@@ -11,7 +11,10 @@ from vibroswarm.observation.measured_csv import read_energies
 
 def test_kinds_and_energies(tmp_path):
     path = tmp_path / "e.csv"
-    path.write_text("robot,kind,energy\n1,vibrating,2.5\n2,still,0.5\n\n1,1,3\n1,0,0.25\n1,non-vibrating,0\n")
+    path.write_text(
+        "\ufeffRobot;Kind;Energy\n1;vibrating;2,5\n2;still;0,5\n\n1;1;3\n1;0;0,25\n1;non-vibrating;0\n",
+        encoding="utf-8",
+    )
     assert read_energies(path) == ((2.5, 3.0), (0.5, 0.25, 0.0))
 
 

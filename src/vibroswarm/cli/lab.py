@@ -71,9 +71,9 @@ def _logs_of(
     acceleration: Sequence[Path] | None,
     scenario: Scenario,
 ) -> tuple[list[Log], list[str], list[bytes]]:
+    from vibroswarm.core.read_tables import files_of
     from vibroswarm.lab.recordings.acceleration import with_energies
     from vibroswarm.lab.recordings.read import CAMERA_LOG, read_log
-    from vibroswarm.lab.recordings.read_tables import files_of
 
     logs, computed = with_energies([read_log(path, columns) for path in paths], scenario, acceleration)
     files = [file for path in paths for file in files_of(path, CAMERA_LOG)]

@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 from scipy.special import ndtr
 
+from vibroswarm.core.read_tables import Use, read_rows
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.laws import hash_of_run
@@ -24,7 +25,6 @@ from vibroswarm.inspection.samples import (
     session_hash,
 )
 from vibroswarm.lab.calibrate.camera import corrected
-from vibroswarm.lab.recordings.read_tables import Use, read_rows
 from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.result import Result

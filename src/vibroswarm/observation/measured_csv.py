@@ -7,10 +7,19 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.core.read_tables import Column, ColumnMap, Use, read_rows
 from vibroswarm.errors import InputError
 
-KINDS: Final = {"vibrating": 1, "1": 1, "still": 0, "non-vibrating": 0, "0": 0}
-"""Words for a kind of tile."""
+SCHEMA: Final = {
+    "kind": Use(pl.Int64, 0, 1, "a kind of tile, 'still' or 'vibrating'", required=True),
+    "energy": Use(pl.Float64, -1e300, 1e300, "an energy", required=True),
+}
+BY: Final = ColumnMap(
+    columns={
+        "kind": Column(name="kind", values={"vibrating": 1, "1": 1, "still": 0, "non-vibrating": 0, "0": 0}),
+        "energy": Column(name="energy"),
+    }
+)
 
 
 def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -22,15 +31,8 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
     Raises:
         InputError: the file cannot be read, or a kind or an energy is wrong, or missing.
     """
-    try:
-        table = pl.read_csv(path, columns=["kind", "energy"], schema_overrides={"kind": pl.String})
-        table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # empty lines
-        kind = table["kind"].str.to_lowercase().replace_strict(KINDS, return_dtype=pl.UInt8)
-        energies = [tuple(table["energy"].cast(pl.Float64).filter(kind == one).to_list()) for one in (1, 0)]
-    except (OSError, pl.exceptions.PolarsError) as error:
-        raise InputError(
-            f"is no CSV file with the columns kind and energy: {error}", field=str(path)
-        ) from None
-    if table.null_count().sum_horizontal().item() or not all(energies):
+    read = read_rows([Path(path)], SCHEMA, BY)
+    vibrating, still = (tuple(read.rows.filter(kind=one)["energy"].to_list()) for one in (1, 0))
+    if read.missing or not (vibrating and still):
         raise InputError("needs a kind and an energy in each line, and both kinds of tile", field=str(path))
-    return energies[0], energies[1]
+    return vibrating, still

@@ -37,8 +37,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.errors import InputError
-from vibroswarm.lab.recordings.read_tables import (
+from vibroswarm.core.read_tables import (
     Column,
     ColumnMap,
     Use,
@@ -49,6 +48,7 @@ from vibroswarm.lab.recordings.read_tables import (
     read_rows,
     text_of,
 )
+from vibroswarm.errors import InputError
 
 _LENGTH: Final = Use(pl.Float64, -1e4, 1e4, "a length within 10 km")
 _DURATION: Final = Use(

@@ -28,6 +28,7 @@ import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.numbers import count, number
+from vibroswarm.core.read_tables import ACCELERATIONS
 from vibroswarm.errors import InputError
 from vibroswarm.lab.recordings.acceleration import (
     GRAVITY,
@@ -39,7 +40,6 @@ from vibroswarm.lab.recordings.acceleration import (
     read_acceleration,
     strongest_axis,
 )
-from vibroswarm.lab.recordings.read_tables import ACCELERATIONS
 from vibroswarm.lab.recordings.threshold import resample
 from vibroswarm.robot.features import alias_hz
 

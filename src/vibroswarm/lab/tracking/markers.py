@@ -29,8 +29,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from vibroswarm.core.arrays import Floats
+from vibroswarm.core.read_tables import read_model
 from vibroswarm.errors import InputError, check_choice, shown
-from vibroswarm.lab.recordings.read_tables import read_model
 from vibroswarm.lab.tracking import opencv
 
 DICTIONARIES: Final = {

@@ -17,9 +17,9 @@ import polars as pl
 
 from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import number, stated
+from vibroswarm.core.read_tables import files_of, read_rows
 from vibroswarm.errors import InputError
 from vibroswarm.lab.recordings.read import SAMPLES, TRACKS, Log, log_frame
-from vibroswarm.lab.recordings.read_tables import files_of, read_rows
 from vibroswarm.lab.tracking.camera import Camera, Lens, fit_camera, outwards, square_of
 from vibroswarm.lab.tracking.marker_detection import Detections, detect
 from vibroswarm.lab.tracking.markers import Markers
