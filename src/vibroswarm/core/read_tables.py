@@ -212,11 +212,11 @@ def cells_of(path: Path) -> pl.DataFrame:
     separator = max(",;\t", key=head.count)
     try:
         frame = pl.read_csv(io.BytesIO(body.encode()), separator=separator, infer_schema=False)
+        frame = frame.rename(str.strip).with_row_index("line", len(before.splitlines()) + 2)
     except pl.exceptions.PolarsError as error:
         raise InputError(
             f"is no table with '{separator}' between columns: {error}", field=str(path)
         ) from None
-    frame = frame.rename(str.strip).with_row_index("line", len(before.splitlines()) + 2)
     if separator != ",":
         frame = frame.with_columns(pl.col(pl.String).str.replace(r"^(\s*[+-]?\d*),(\d)", "$1.$2"))
     is_blank = pl.all_horizontal(pl.exclude("line").fill_null("").str.strip_chars() == "")
