@@ -26,6 +26,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.core.jit import kernel, read_only
 from vibroswarm.floors.floor import Floor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.tasks import Asked, task
@@ -397,12 +398,27 @@ def with_shares(robots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
     Args:
         samples: the table of motion; a column without values has no share.
     """
-    spent = {
-        name: pl.col(column).cast(pl.Float64).mean() * pl.len() / pl.col("time_s").max()
-        for name, column in SPENT.items()
-    }
-    shares = samples.group_by("run", "robot").agg(**spent)
-    return robots.join(shares, on=["run", "robot"], how="left", maintain_order="left")
+    run, first = np.unique(robots["run"].to_numpy(), return_index=True)
+    bounds = np.append(np.searchsorted(samples["run"].to_numpy(), run), samples.height)
+    row = np.repeat(first, np.diff(bounds)) + samples["robot"].to_numpy()
+    rows, last_s = np.bincount(row, minlength=robots.height), np.full(robots.height, np.nan)
+    last_s[row] = samples["time_s"].to_numpy()
+    shares = []
+    for name, column in SPENT.items():
+        total_s, known = np.zeros(robots.height), np.zeros(robots.height)
+        add_known(row, read_only(samples[column].to_numpy()), total_s, known)
+        mean_s = np.divide(total_s, known, out=np.full(robots.height, np.nan), where=known > 0.0)
+        shares.append(as_series(name, mean_s * rows / last_s, SHARES[name]))
+    return robots.hstack(shares)
+
+
+@kernel
+def add_known(row: NDArray[np.int64], values: NDArray[np.float32], total: Array, known: Array) -> None:
+    """Add the values that are not nan, and their number, to entry ``row`` of ``total`` and ``known``, in order."""
+    for k in range(row.size):
+        if not math.isnan(values[k]):
+            total[row[k]] += values[k]
+            known[row[k]] += 1.0
 
 
 def as_series(name: str, values: NDArray[Any], kind: Any) -> pl.Series:

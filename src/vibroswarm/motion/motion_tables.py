@@ -5,7 +5,7 @@ Rows hold times in ticks (control periods); tables hold them in s. What tables m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -131,6 +131,8 @@ class Motion:
     """``FAILURES``; None if no run failed."""
 
 
+SampleColumns = tuple[NDArray[np.uint32], NDArray[np.float64], NDArray[np.float32]]
+"""Columns of samples: run, robot and sample; times and pose; times in each mode, and blocked."""
 MoveColumns = tuple[NDArray[np.float64], NDArray[np.uint32]]
 """Columns of moves: start to turn rate, angle turned and ray; and run, robot and kind."""
 Take = Callable[[Rows], None]
@@ -151,10 +153,10 @@ class Collected:
 
     def __init__(self, tick_ms: int) -> None:
         self.tick_ms = tick_ms
-        self.samples, self.moves, self.ends = list[Rows](), list[MoveColumns](), list[Rows]()
+        self.samples, self.moves, self.ends = list[SampleColumns](), list[MoveColumns](), list[Rows]()
         self.failures: list[Failure] = []
         self.sink = Sink(
-            lambda rows: self.samples.append(joined([rows])),
+            lambda rows: self.samples.append(sample_columns(rows, self.tick_ms)),
             lambda rows: self.moves.append(move_columns(rows, self.tick_ms)),
         )
 
@@ -166,7 +168,7 @@ class Collected:
 
     def samples_frame(self) -> pl.DataFrame:
         """Return the table of samples."""
-        return sample_frame(joined([zero_rows(0, SAMPLE_ROW), *self.samples]), self.tick_ms)
+        return sample_frame([sample_columns(zero_rows(0, SAMPLE_ROW), self.tick_ms), *self.samples])
 
     def motion(self) -> Motion:
         """Return all rows as tables; there are moves if any were given."""
@@ -197,10 +199,17 @@ def wrapped(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @kernel
-def fill_samples(rows: Rows, wide: NDArray[np.float64], narrow: NDArray[np.float32], tick_ms: int) -> None:
-    """Write the columns of samples: start of the stop, time and pose; and the times in each mode, and blocked."""
+def fill_samples(
+    rows: Rows,
+    numbers: NDArray[np.uint32],
+    wide: NDArray[np.float64],
+    narrow: NDArray[np.float32],
+    tick_ms: int,
+) -> None:
+    """Write the columns of samples (``SampleColumns``)."""
     for k in range(rows.size):
         row = rows[k]
+        numbers[0, k], numbers[1, k], numbers[2, k] = row.run, row.robot, row.sample
         wide[0, k], wide[1, k] = row.stop_tick * tick_ms / 1000.0, row.tick * tick_ms / 1000.0
         wide[2, k], wide[3, k], wide[4, k] = row.x_m, row.y_m, row.heading_rad
         narrow[0, k], narrow[1, k] = row.drive * tick_ms / 1000.0, row.turn * tick_ms / 1000.0
@@ -208,18 +217,31 @@ def fill_samples(rows: Rows, wide: NDArray[np.float64], narrow: NDArray[np.float
         narrow[4, k] = row.blocked * tick_ms / 1000.0
 
 
-def sample_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
+def sample_columns(rows: Rows, tick_ms: int) -> SampleColumns:
+    """Return samples by columns: rows are converted while they are in the processor's cache."""
+    columns = (
+        np.empty((3, rows.size), dtype=np.uint32),
+        np.empty((5, rows.size)),
+        np.empty((5, rows.size), dtype=np.float32),
+    )
+    fill_samples(rows, *columns, tick_ms)
+    return columns
+
+
+def sample_frame(samples: Sequence[SampleColumns]) -> pl.DataFrame:
     """Return samples as a table; they must be in the order of run, time, robot."""
-    wide, narrow = np.empty((5, rows.size)), np.empty((5, rows.size), dtype=np.float32)
-    fill_samples(rows, wide, narrow, tick_ms)
-    return _frame(dict(zip(list(MOTION)[3:], (*wide, *narrow), strict=True)), rows, MOTION)
+    columns = [column for parts in zip(*samples, strict=True) for column in np.concatenate(parts, axis=1)]
+    return pl.DataFrame(dict(zip(MOTION, columns, strict=True)), schema=MOTION)
 
 
 def end_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
     """Return the table ``ends``; robots that hear messages (``stop_tick`` -1) have no ``stop_start_s``."""
     stop_s = np.where(rows["stop_tick"] >= 0, seconds(rows["stop_tick"], tick_ms), np.nan)
-    columns = {"end_s": seconds(rows["tick"], tick_ms), "stop_start_s": pl.Series(stop_s, nan_to_null=True)}
-    return _frame(columns, rows, ENDS)
+    columns: dict[str, Any] = {name: rows[name].copy() for name in ("run", "robot")}  # contiguous
+    columns["end_s"] = seconds(rows["tick"], tick_ms)
+    columns |= {name: rows[name].copy() for name in ("x_m", "y_m", "heading_rad")}
+    columns["stop_start_s"] = pl.Series(stop_s, nan_to_null=True)
+    return pl.DataFrame(columns, schema=ENDS)
 
 
 @kernel
@@ -239,7 +261,7 @@ def fill_moves(rows: Rows, columns: NDArray[np.float64], kinds: NDArray[np.uint3
 
 
 def move_columns(rows: Rows, tick_ms: int) -> MoveColumns:
-    """Return moves that have ended by columns: rows are converted while they are in the processor's cache."""
+    """Return moves that have ended by columns (``sample_columns``)."""
     columns = np.empty((8, rows.size)), np.empty((3, rows.size), dtype=np.uint32)
     fill_moves(rows, *columns, tick_ms)
     return columns
@@ -252,12 +274,3 @@ def move_frame(moves: Sequence[MoveColumns]) -> pl.DataFrame:
     *columns, turned_rad, ray_m = numbers
     frame = [run, robot, *columns, kinds, turned_rad, pl.Series(ray_m, nan_to_null=True)]
     return pl.DataFrame(dict(zip(MOVES, frame, strict=True)), schema=MOVES)
-
-
-def _frame(columns: Mapping[str, Any], rows: Rows, schema: Mapping[str, Any]) -> pl.DataFrame:
-    """Return a table of these columns, and of the fields of rows for those that are not given."""
-    # ``copy`` makes a field of the rows a contiguous column.
-    return pl.DataFrame(
-        {name: columns[name] if name in columns else rows[name].copy() for name in schema},
-        schema=dict(schema),
-    )
