@@ -92,16 +92,7 @@ that a recording cannot know."""
 
 
 def code_files(scenarios: Iterable[Scenario], *others: str) -> dict[str, str]:
-    """Return the texts of the users' code files that are used by scenarios, or by ``others``, by name of the file.
-
-    Others are names of what no scenario has, such as the motion source; those that are no references to code are left
-    out.
-
-    Files that are not loaded in this process are left out.
-
-    Raises:
-        InputError: two different files have one name.
-    """
+    """Return the texts of loaded code files of scenarios, or ``others`` such as a motion source, by file name."""
     files: dict[str, str] = {}
     codes = [*others, *(code for scenario in scenarios for code in scenario.codes)]
     for code, text in plugins.texts_of(codes):
@@ -114,11 +105,7 @@ def code_files(scenarios: Iterable[Scenario], *others: str) -> dict[str, str]:
 
 
 def write_code(folder: Path, scenarios: Iterable[Scenario], *others: str) -> None:
-    """Write copies of the users' code files of ``code_files`` into an existing folder; the copies are never run.
-
-    Raises:
-        InputError: two different files have one name. RunError: the disk is full or failed.
-    """
+    """Write copies of the users' code files of ``code_files`` into an existing folder; the copies are never run."""
     for file_name, text in code_files(scenarios, *others).items():
         with whole_file(folder / file_name) as part:
             part.write_text(text, encoding="utf-8")
@@ -310,11 +297,7 @@ class Result(NotebookView):
 
 
 def _check_robots(frames: Mapping[str, pl.DataFrame], robots: int, folder: Path) -> None:
-    """Check that ``ends`` and ``robots`` have each robot of each run in order, and that floors have the same runs.
-
-    Args:
-        frames: tables by name. robots: number in the scenario. folder: of the result, for messages.
-    """
+    """Check that ``ends`` and ``robots`` have each robot of each run in order, and that floors have the same runs."""
     runs = frames["runs"]["run"]
     expected = pl.DataFrame(
         {"run": np.repeat(runs, robots), "robot": np.tile(np.arange(robots), runs.len())},
@@ -331,11 +314,7 @@ def _check_robots(frames: Mapping[str, pl.DataFrame], robots: int, folder: Path)
 
 
 def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:
-    """Return floors as a table (``FLOORS``) with one row per run.
-
-    Args:
-        floors: the floor of each run, by run number, at least one; rows are in the order of this mapping.
-    """
+    """Return floors as a table (``FLOORS``) with one row per run."""
     digits = np.frombuffer(DIGITS.encode(), dtype=np.uint8)
     rows = [
         (run, *floor.geometry, digits[floor.tiles].tobytes().decode("ascii"), floor.name)
@@ -346,11 +325,7 @@ def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:
 
 
 def change_frame(floors: Mapping[int, Floor]) -> pl.DataFrame | None:
-    """Return the changes of floors as a table (``CHANGES``), run by run; None if no floor changes.
-
-    Args:
-        floors: the floor of each run, by run number; rows are in the order of this mapping.
-    """
+    """Return the changes of floors as a table (``CHANGES``), run by run; None if no floor changes."""
     changing = {run: floor.changes for run, floor in floors.items() if floor.is_changing}
     if not changing:
         return None

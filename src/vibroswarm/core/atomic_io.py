@@ -50,16 +50,7 @@ def check_free(path: Path, *, replace: bool = False) -> None:
 
 @contextmanager
 def whole_file(path: str | Path, *, replace: bool = True) -> Iterator[Path]:
-    """Yield the path of a new file beside ``path``; after the ``with`` block, rename the file to ``path``.
-
-    The new file has the suffix of ``path``, by which some libraries choose the format. If the block raises an error,
-    the new file is removed and ``path`` stays as it was.
-
-    Args:
-        replace: whether an existing file at ``path`` may be replaced; checked before the block only.
-    Raises:
-        InputError: ``path`` is no file, or exists and ``replace`` is false. RunError: it cannot be written.
-    """
+    """Yield the path of a new file beside ``path``; after the ``with`` block, rename the file to ``path``."""
     check_free(Path(path), replace=replace)
     with _renamed(_beside(Path(path)), Path(path)) as part:
         yield part
@@ -79,11 +70,7 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those in which it lies, unless it exists.
-
-    Raises:
-        InputError: it cannot be made there, or not be written to.
-    """
+    """Make a folder, and those in which it lies, unless it exists."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -92,15 +79,7 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def whole_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -> Iterator[Path]:
-    """Yield a new empty folder beside ``path``; after the ``with`` block, rename the folder to ``path``.
-
-    If the block raises an error, the new folder is removed and ``path`` stays as it was.
-
-    Args:
-        replace, marker: as of ``check_folder``.
-    Raises:
-        InputError: ``path`` exists and may not be replaced. RunError: it cannot be written.
-    """
+    """Yield a new empty folder beside ``path``; after the ``with`` block, rename the folder to ``path``."""
     check_folder(path, replace=replace, marker=marker)
     part = _beside(path)
     make_folder(part)
@@ -109,14 +88,7 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -
 
 
 def check_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -> None:
-    """Refuse a folder that is to be written if it exists and may not be replaced, or cannot be written.
-
-    Args:
-        path: the folder. An existing empty folder is accepted.
-        replace: whether an existing folder may be replaced, if it holds ``marker`` or a file of ``OURS``.
-    Raises:
-        InputError: the folder is refused.
-    """
+    """Refuse a folder that is to be written if it exists and may not be replaced, or cannot be written."""
     check_writable(path)
     if not path.exists() or not any(path.iterdir()):
         return

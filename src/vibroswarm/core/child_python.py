@@ -25,10 +25,8 @@ def processors() -> int:
 
 @contextmanager
 def safe_start() -> Iterator[None]:
-    """Context manager: processes that ``multiprocessing`` starts inside leave the working folder out.
-
-    ``multiprocessing`` runs them, and its own helper, by ``python -c``, and passes on option -P only if this process
-    has it. They get this process's search path later, when modules of the standard library have been imported.
+    """Context manager: processes that ``multiprocessing`` starts inside (by ``python -c``) leave the working folder
+    out.
     """
     with _lock:
         before = os.environ.copy()

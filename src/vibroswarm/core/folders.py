@@ -60,14 +60,7 @@ def manifest_text(kind: str, **values: Any) -> str:
 
 
 def read_manifest(path: Path, *kinds: str) -> dict[str, Any]:
-    """Read a manifest; return its values, which are those that ``manifest_text`` was given.
-
-    Args:
-        path: folder, or file of a description. kinds: those that are expected, the first of which names the others in
-            errors; any if none is given.
-    Raises:
-        InputError: there is no manifest, or it is damaged, of another format or of another kind.
-    """
+    """Read a manifest; return its values, which are those that ``manifest_text`` was given."""
     file = path if path.suffix == ".json" and not path.is_dir() else path / MANIFEST
     if not file.exists():
         expected = KINDS[kinds[0]] if kinds else "a folder"
@@ -96,13 +89,7 @@ def about_file(data: bytes) -> dict[str, Any]:
 
 
 def check_files(values: Mapping[str, Any], path: Path) -> dict[str, Path]:
-    """Check the SHA-256 of the files that a manifest names, which lie beside it; return their paths, by table.
-
-    Args:
-        values: of the manifest. path: of the manifest, or the folder whose manifest it is.
-    Raises:
-        InputError: a file is missing, elsewhere or damaged.
-    """
+    """Check the SHA-256 of the files that a manifest names, which lie beside it; return their paths, by table."""
     folder = path if path.is_dir() else path.parent
     files: dict[str, Path] = {}
     for name, about in values.get("files", {}).items():

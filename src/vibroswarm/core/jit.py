@@ -383,19 +383,12 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def inlined_uncached(function: Callable[P, R], boundscheck: bool = False) -> Callable[P, R]:
-    """Compile as ``inlined`` does, for the functions of a strategy or network.
-
-    Args:
-        boundscheck: whether an index beyond an array raises an IndexError; without it, it reads or spoils other memory.
-    """
+    """Compile as ``inlined`` does, for the functions of a strategy or network."""
     return _declare(function, "Hook", _nrt=False, forceinline=True, boundscheck=boundscheck)  # type: ignore[no-any-return]
 
 
 def entry_for(kernel: Callable[P, R], *arguments: P.args, **none: P.kwargs) -> Callable[P, R]:
-    """Compile a kernel for the types of these arguments; return a function that calls it without Numba's dispatch.
-
-    Dispatch takes some 0.1 microseconds per array. Callers must pass arguments of exactly these types.
-    """
+    """Compile a kernel for exactly these types; return what calls it without Numba's dispatch, 0.1 us an array."""
     del none  # type checkers require P.kwargs where P.args is used
     key: Any = (kernel, *map(_type_key, arguments))
     if COMPILES and key not in _entries:
@@ -431,10 +424,7 @@ def zero_rows(count: int | tuple[int, ...], dtype: np.dtype[np.void]) -> NDArray
 
 
 def read_only(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only view of an array, to be passed to kernels that only read it.
-
-    Numba treats read-only and writable arrays as two types, so a kernel that gets both would be compiled twice.
-    """
+    """Return a read-only view: Numba takes read-only and writable arrays as two types, and would compile twice."""
     view = values.view()
     view.flags.writeable = False
     return view

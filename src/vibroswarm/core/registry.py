@@ -25,11 +25,7 @@ REGISTERED: Final = re.compile(r"= register\(\s*\w+\(\s*(?:__name__,\s*)?(?:name
 
 
 def unknown(kind: str, name: object, known: Iterable[str], field: str) -> InputError:
-    """Return the error that no object of a kind has this name; it suggests a similar name and lists all.
-
-    Args:
-        kind: in words. name: the name. known: names of all objects of the kind. field: the setting with the name.
-    """
+    """Return the error that no object of a kind has this name; it suggests a similar name and lists all."""
     import multiprocessing  # here, since --help needs none of it
 
     known = list(known)
@@ -43,13 +39,7 @@ def unknown(kind: str, name: object, known: Iterable[str], field: str) -> InputE
 
 
 def written_names(folder: str, suffix: str = ".py") -> list[str]:
-    """Return the names that the files of a folder of this package register, sorted, without importing them.
-
-    Importing strategies takes half a second, which a command's help cannot wait for; a test compares the names.
-
-    Args:
-        folder: from the package's root, such as "strategies". suffix: ".toml" if each file is named after its object.
-    """
+    """Return the sorted names that files of a folder of this package register; importing these would be slow."""
     files = (Path(__file__).parents[1] / folder).glob(f"*{suffix}")
     if suffix != ".py":
         return sorted(file.stem for file in files)
@@ -63,25 +53,14 @@ def other_name(registered: Named) -> str:
 
 
 class Registry(Generic[T]):
-    """The registered objects of one kind.
-
-    Args:
-        kind: what the objects are, in words for error messages: "strategy".
-        field: the setting that selects an object by name, for error messages.
-    """
+    """The registered objects of one kind, and the setting that selects one, for messages."""
 
     def __init__(self, kind: str, field: str) -> None:
         self.kind, self.field = kind, field
         self._known: dict[str, T] = {}
 
     def register(self, one: T) -> T:
-        """Register an object under its name; return the object that is registered under this name from now on.
-
-        If an equal object is registered already, that object stays and is returned.
-
-        Raises:
-            InputError: a different object has the name.
-        """
+        """Register an object under its name; return it, or an equal one that is registered already."""
         registered = self._known.setdefault(one.name, one)
         if registered != one:
             raise InputError(
@@ -102,11 +81,7 @@ class Registry(Generic[T]):
         return self._known
 
     def get(self, name: str) -> T:
-        """Return the object registered under ``name``.
-
-        Raises:
-            InputError: the name is not registered; the message suggests a similar one and lists all.
-        """
+        """Return the object registered under ``name``."""
         if not isinstance(name, str) or name not in self._known:
             raise unknown(self.kind, name, self._known, self.field)
         return self._known[name]

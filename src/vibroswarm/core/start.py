@@ -10,14 +10,7 @@ PROGRAM = "vibroswarm"
 
 
 def leave_working_folder_out(package: str) -> None:
-    """Take the working folder off the search path where ``python -m vibroswarm`` has put it.
-
-    Otherwise a file such as ``numpy.py`` in a folder of somebody else's data would be executed. The folder stays if
-    this package itself was found in it, and for other programs, which may need modules of their own from there.
-
-    Args:
-        package: the folder of this package.
-    """
+    """Take the working folder off the search path where ``python -m vibroswarm`` has put it."""
     if sys.flags.safe_path or not _is_run_as_module():
         return
     try:

@@ -37,24 +37,12 @@ class Schema:
 
 
 def read_table(path: Path, schema: Schema, what: str) -> pl.DataFrame:
-    """Read a table from a Parquet file and check it; return it with its columns in the order of the schema.
-
-    Args:
-        what: name of the table, for errors.
-    Raises:
-        InputError: the file is not a regular Parquet file, or the table does not pass ``check_table``.
-    """
+    """Read a table from a Parquet file and check it; return it with its columns in the order of the schema."""
     return check_table(read_frame(path, what), schema, str(path), what)
 
 
 def read_frame(path: Path, what: str) -> pl.DataFrame:
-    """Read a Parquet file, whatever its columns.
-
-    Args:
-        what: name of the table, for errors.
-    Raises:
-        InputError: the file is missing, larger than MAX_BYTES, or not a complete Parquet file.
-    """
+    """Read a Parquet file, whatever its columns."""
     check_plain(path, MAX_BYTES, f"the table '{what}'")
     try:
         return pl.read_parquet(path, glob=False)  # a * in the path is part of the file's name, not a pattern
@@ -70,14 +58,7 @@ def parquet_bytes(frame: pl.DataFrame, metadata: dict[str, str] | None = None) -
 
 
 def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl.DataFrame:
-    """Check that a frame conforms to a schema; return it with its columns in the order of the schema.
-
-    Args:
-        name: name of the file, for errors. what: name of the table, for errors.
-    Raises:
-        InputError: columns are missing, unexpected or of the wrong type; a value is missing or NaN; or two rows have
-            the same key.
-    """
+    """Check that a frame conforms to a schema; return it with its columns in the order of the schema."""
     found = frame.schema
     for column, kind in schema.columns.items():
         if found.get(column) != kind:
@@ -116,11 +97,7 @@ def _without_nested_columns(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 def escaped(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the frame with an apostrophe before texts and column names that a spreadsheet would take for formulas.
-
-    Texts that are numbers stay as they are, and so does a single "-", which is no formula. A column name is judged by
-    its first character alone. Columns of an ``Enum`` or a ``Categorical`` become text columns.
-    """
+    """Return the frame with an apostrophe before texts and column names that a spreadsheet would take for formulas."""
     columns = []
     for name, kind in frame.schema.items():
         if kind in (pl.String, pl.Categorical, pl.Enum):

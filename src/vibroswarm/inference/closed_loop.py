@@ -49,14 +49,7 @@ def record_samples(
     run: int,
     tick_ms: int,
 ) -> int:
-    """Append new samples and their readings to the buffer; return the new number of samples.
-
-    Args:
-        rows: the new samples (``motion_tables.SAMPLE_ROW``), in order of time. ground: floor and sensors of the run.
-        buffer: changed; it must have room for all ``rows``, which is not checked. filled: number of samples in the
-            buffer so far. seed, run: address of the sensors' noise.
-        tick_ms: control period.
-    """
+    """Append new samples and their readings to the buffer; return the new number of samples."""
     into, stops, readings = buffer.rows, buffer.stops, buffer.readings
     for n in range(rows.size):
         row, k = rows[n], filled
@@ -77,32 +70,17 @@ def record_samples(
 
 
 def max_samples(scenario: Scenario) -> int:
-    """Return an upper bound on the number of samples of a run, from the fewest ticks between two samples of a robot.
-
-    The bound holds for motion that keeps to ``sample_interval_ms`` and ``stop_ms`` of the scenario, as that of our
-    engines does: the sample timer must exceed the interval, so it takes at least one tick more. Two samples more per
-    robot are allowed for those at the beginning and at the end of the run.
-    """
+    """Return an upper bound of the samples of a run, from the fewest ticks between two samples of a robot."""
     tick_ms, sample = scenario.run.control_period_ms, scenario.sample
     between = 1 + int(sample.sample_interval_ms // tick_ms) + int(sample.stop_ms // tick_ms)
     return scenario.swarm.robots * (scenario.ticks // between + 2)
 
 
 class ClosedLoop:
-    """Observes and replays runs of a scenario, one after the other, while they move.
-
-    Call ``begin`` for each run. Then, again and again, add new moves and samples and call ``catch_up``.
-    """
+    """Observes and replays runs of a scenario, one after the other, while they move."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        """Allocate all memory for a run; ``begin`` sets its contents.
-
-        ``readings``, ``rows`` and ``stops``, the inputs of the replay, are read-only views of memory that is filled as
-        the run advances.
-
-        Args:
-            seed: seed of the runs.
-        """
+        """Allocate all memory for a run; ``begin`` sets its contents."""
         robots, capacity = scenario.swarm.robots, max_samples(scenario)
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
         self.localisation = PlaceFilters(scenario, seed) if is_estimated(scenario) else None
@@ -149,11 +127,7 @@ class ClosedLoop:
         return int(self.rows.bounds[1])
 
     def begin(self, run: int, ground: Ground) -> None:
-        """Set the state to the start of a run.
-
-        Args:
-            run: number of the run. ground: its floor and sensors.
-        """
+        """Set the state to the start of a run."""
         rows, stops = self.buffer.rows, self.buffer.stops
         self.ground, self.run, rows.runs[0], rows.bounds[1] = ground, run, run, 0
         self.buffer.latest[:], stops.first[:], stops.walked_tick[:], stops.known_tick[0] = -1, -1, 0, 0
@@ -164,11 +138,7 @@ class ClosedLoop:
             self.localisation.begin(run)
 
     def add_moves(self, rows: NDArray[np.void]) -> None:
-        """Append moves (``motion.motion_tables.MOVE_ROW``), which are copied.
-
-        A move that is still under way may be added, and is added again when it has ended. Of two rows of
-        one move, the one that was added last counts.
-        """
+        """Append copies of moves (``MOVE_ROW``); of two rows of one move the later counts, so it may be under way."""
         if self.replayer.reads_positions:
             self.moves.append(rows.copy())
         if self.localisation is not None:
@@ -197,12 +167,7 @@ class ClosedLoop:
             self.buffer.readings.weighed[new] = weighed(sensor, observation, energy, ground.place)
 
     def catch_up(self, known_tick: int, stop_tick: NDArray[np.int64]) -> None:
-        """Replay the samples that were added since the last call, after computing where robots believe they are.
-
-        Args:
-            known_tick: motion is known up to this tick, exclusive.
-            stop_tick: (robots,): tick since which each robot stands; -1: it walks.
-        """
+        """Replay the samples that were added since the last call, after computing where robots believe they are."""
         self.buffer.stops.known_tick[0] = known_tick
         # Last tick at which each robot walked: before its stop or, if it does not stand, the last known tick.
         self.buffer.stops.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1

@@ -22,10 +22,7 @@ from vibroswarm.scenario.scenario import Scenario
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """The samples of a motion, run by run, and how many messages of the run the robot had heard at each.
-
-    ``timeline_of`` builds it once for the replay of many strategies over one motion.
-    """
+    """The samples of a motion, run by run, and how many messages of the run the robot had heard at each."""
 
     samples: pl.DataFrame
     """run, robot and sample of the rows."""
@@ -78,11 +75,7 @@ class Timeline:
 
     @cached_property
     def tracks(self) -> Tracks:
-        """Moves from which the robots' positions at any tick are computed.
-
-        Raises:
-            InputError: the motion has no table of moves.
-        """
+        """Moves from which the robots' positions at any tick are computed."""
         return tracks_of(self.moves, self.rows.runs, self.robots, self.tick_ms)
 
     @property
@@ -100,14 +93,7 @@ class Timeline:
         return self._message_uniforms[seed]
 
     def estimates(self, scenario: Scenario, seed: int) -> NDArray[np.float64]:
-        """Return where robots believe they are at each sample, as in ``replay_arrays.Readings.estimates``.
-
-        The result is cached. Strategies share it if they read the same number of draws. It has no rows if the robots
-        know their true places.
-
-        Raises:
-            InputError: the robots estimate their positions, and the motion has no table of moves.
-        """
+        """Return the places that robots believe in at each sample, cached; no rows if they know them."""
         if not is_estimated(scenario):
             return NO_ESTIMATES
         key = estimates_key(scenario, seed)
@@ -124,16 +110,7 @@ def needs_moves(scenario: Scenario) -> bool:
 
 
 def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
-    """Return the timeline of a motion.
-
-    Samples must be sorted by run, time and robot, and ends by run and robot; each run of the samples must have ends.
-    This is not checked.
-
-    Args:
-        motion: the tables of a motion; or its timeline, which is returned unchanged.
-    Raises:
-        ValueError: a sample's robot does not exist.
-    """
+    """Return the timeline of a motion, sorted by run, time and robot, or the timeline itself."""
     if isinstance(motion, Timeline):
         return motion
     tick_ms, robots = scenario.run.control_period_ms, scenario.swarm.robots
@@ -185,14 +162,7 @@ def message_uniforms(
     robot: NDArray[np.uint16],
     sample: NDArray[np.uint32],
 ) -> NDArray[np.float64]:
-    """Return the first random number of ``on_sample`` (``u(d, 0)``) at each sample, (rows,).
-
-    The numbers are computed in advance, once for all strategies that are replayed. Their addresses are those of
-    ``agents.sample_draws`` with k = 0.
-
-    Args:
-        runs, bounds, robot, sample: as in ``Timeline``.
-    """
+    """Return the first number of ``on_sample`` (``u(d, 0)``) at each sample, once for all strategies, (rows,)."""
     out = np.empty(robot.size, dtype=np.float64)
     for r in range(runs.size):
         for k in range(bounds[r], bounds[r + 1]):

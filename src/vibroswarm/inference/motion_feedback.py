@@ -39,17 +39,7 @@ def steered_motion(
     progress: Callable[[float], None] | None = None,
     last_s: Callable[[float], float] | None = None,
 ) -> Motion:
-    """Simulate the motion of runs that a strategy steers.
-
-    A run ends at ``run.t_end_s`` or, if ``run.stop`` is "all_decided", one tick after all robots have decided.
-
-    Args:
-        runs: run numbers, at least one. floors: floor of each run, by run number. motion: name of the motion source.
-        moves: whether the table of moves is requested. progress: called after each run with the share of runs done.
-        last_s: in place of ``run.stop``: returns up to when a run must be known, from when all robots had decided.
-    Raises:
-        InputError: the motion source cannot be steered, or the strategy chooses a turn or a leg that is out of range.
-    """
+    """Simulate the motion of runs that a strategy steers."""
     loop, grounds = ClosedLoop(scenario, seed), sensed_floors(scenario, seed, runs, floors)
     state = steerable(started(motion, scenario, moves or loop.needs_moves), motion)
     t_end_s, rows = scenario.run.t_end_s, Collected(loop.tick_ms)
@@ -77,13 +67,7 @@ def steered_motion(
 
 
 def steerable(state: MotionState, motion: str) -> KernelRun:
-    """Return ``state``, the state of a run, if its robots can be steered.
-
-    Args:
-        motion: name of the motion source, for the message.
-    Raises:
-        InputError: the motion source does not support steering.
-    """
+    """Return ``state``, the state of a run, if its robots can be steered."""
     if not isinstance(state, KernelRun):
         # A source from a user's file is named with the hash of that file, which the message leaves out.
         raise InputError(
@@ -95,14 +79,7 @@ def steerable(state: MotionState, motion: str) -> KernelRun:
 
 
 def steer_on(state: KernelRun, loop: ClosedLoop, until: int, sink: Sink) -> bool:
-    """Advance a run to the next tick at which robots sample, or to ``until``; let the strategy steer these robots.
-
-    Args:
-        state: the run's motion, changed. loop: the run's closed loop, which replays the samples.
-    Returns: whether any robot sampled.
-    Raises:
-        InputError: the strategy chooses a turn or a leg that is out of range.
-    """
+    """Advance a run to the next tick at which robots sample, or to ``until``; let the strategy steer these robots."""
     before, since = loop.samples, state.tick
 
     def take_samples(rows: NDArray[np.void]) -> None:
@@ -137,11 +114,7 @@ def until_all_decided(
     moves: bool,
     progress: Callable[[float], None] | None = None,
 ) -> Motion:
-    """Simulate the motion of runs until one tick after all robots have decided, or to ``run.t_end_s``.
-
-    Whole runs are replayed to find that tick; then each is simulated once more, up to it. The arguments are those of
-    ``steered_motion``.
-    """
+    """Simulate runs until one tick after all robots decided: replay whole runs, then simulate up to that tick."""
     whole = moved(motion, scenario, seed, runs, needs_moves(scenario))
     ends_s = np.minimum(all_decided_s(scenario, seed, whole, floors) + scenario.tick_s, scenario.run.t_end_s)
     until = [tick_at(end_s, scenario.run.control_period_ms) for end_s in ends_s.tolist()]

@@ -47,13 +47,7 @@ class Tracks(NamedTuple):
 
 
 def _tracks(whose: NDArray[np.int64], robots: int, *columns: NDArray[np.int64 | np.float64]) -> Tracks:
-    """Return moves as tracks: sorted by robot, with ``at`` set to each robot's first move.
-
-    Args:
-        whose: (moves,): row of each move's robot: index of the run * robots of a run + robot. robots: number of robots
-            of all runs together.
-        columns: (moves,) each: tick, x, y, heading, speed and turn rate. For each robot they are in order of time.
-    """
+    """Return moves as tracks: sorted by robot, with ``at`` set to each robot's first move."""
     order = np.argsort(whose, kind="stable")
     bounds = np.searchsorted(whose[order], np.arange(robots + 1))
     tick, x_m, y_m, heading_rad, speed_m_s, rate_rad_s = (read_only(column[order]) for column in columns)
@@ -75,14 +69,7 @@ NO_TRACKS: Final[Any] = 0
 
 
 def tracks_of(moves: pl.DataFrame | None, runs: NDArray[np.int64], robots: int, tick_ms: int) -> Tracks:
-    """Convert a table of moves to tracks.
-
-    Args:
-        moves: table sorted by run and start. runs: (runs,): the run numbers, ascending. robots: robots per run.
-        tick_ms: control period.
-    Raises:
-        InputError: ``moves`` is None.
-    """
+    """Convert a table of moves to tracks. Shapes: ``runs`` (runs,)."""
     if moves is None:
         raise InputError(
             "reads positions, but this motion has no moves; choose another network, or motion with moves",
@@ -103,12 +90,7 @@ def tracks_of(moves: pl.DataFrame | None, runs: NDArray[np.int64], robots: int, 
 
 
 def tracks_of_rows(rows: NDArray[np.void], robots: int) -> Tracks:
-    """Convert the moves of one run so far to tracks.
-
-    Args:
-        rows: moves as engines record them (``motion_tables.MOVE_ROW``), for each robot in order of time.
-        robots: number of robots.
-    """
+    """Convert the moves of one run so far to tracks."""
     drives = rows["kind"] == DRIVE  # a robot that turns is taken to stay where it is
     # Tables hold wrapped headings, so these are wrapped too: positions are then exactly those computed from a table.
     return _tracks(
@@ -136,15 +118,7 @@ def wrapped(headings: NDArray[np.float64]) -> NDArray[np.float64]:
 def positions_at(
     tracks: Tracks, first: int, tick: int, tick_ms: int, x_m: NDArray[np.float64], y_m: NDArray[np.float64]
 ) -> None:
-    """Write the positions of one run's robots at a tick to ``x_m`` and ``y_m``, (robots,) each.
-
-    Each robot's entry of ``tracks.at`` moves forwards to the move in which the robot is at this tick. So calls must be
-    in order of time. Before the first call of a run, the caller sets ``tracks.at`` to each robot's first move. Each
-    robot must have a move that starts at or before ``tick``; this is not checked.
-
-    Args:
-        first: row of the run's robot 0 in ``tracks.at``. tick_ms: control period, ms.
-    """
+    """Write the robots' positions at a tick; ``tracks.at`` moves forwards only, so calls are in order of time."""
     for i in range(x_m.size):
         e = first + i
         k = tracks.at[e]

@@ -24,12 +24,7 @@ class Params:
 
 
 def lost(sender: int, receiver: int, d: Draws, p: Any, w: World) -> bool:
-    """Return whether a message is lost on its way to one receiver.
-
-    Args:
-        d: source of uniform numbers. p: parameters. The other arguments of the protocol (``networks.base``) are not
-            used.
-    """
+    """Return whether a message is lost on its way to one receiver."""
     # The first test saves drawing a number if nothing can be lost.
     return bool(p.share > 0.0 and u(d, 0) < p.share)
 

@@ -43,21 +43,12 @@ def share_lost(robots: int) -> float:
 
 
 def lost(sender: int, receiver: int, d: Draws, p: Any, w: World) -> bool:
-    """Return whether a message is lost on its way to one receiver.
-
-    Args:
-        d: source of uniform numbers. w: the world, of which the number of robots is used. The other arguments of the
-            protocol (``networks.base``) are not used.
-    """
+    """Return whether a message is lost on its way to one receiver."""
     return u(d, 0) < share_lost(w.robots)
 
 
 def check(params: Any, robots: int) -> None:
-    """Refuse swarms of a size at which no loss was measured; the network has no parameters to check.
-
-    Raises:
-        InputError: there are fewer than 5 or more than 10 robots.
-    """
+    """Refuse swarms of a size at which no loss was measured; the network has no parameters to check."""
     if not FEWEST <= robots <= MOST:
         raise InputError(
             f"network 'loss_by_size' is fitted to swarms of {FEWEST} to {MOST}, not of {robots}; choose such a size, "

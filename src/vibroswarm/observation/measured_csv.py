@@ -14,14 +14,7 @@ KINDS: Final = {"vibrating": 1, "1": 1, "still": 0, "non-vibrating": 0, "0": 0}
 
 
 def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Read measured energies; return those of vibrating tiles, then those of still tiles, in the order of the file.
-
-    Args:
-        path: a CSV file with the columns ``kind`` (vibrating or still, 1 or 0) and ``energy`` (RMS); other columns are
-            ignored.
-    Raises:
-        InputError: the file cannot be read, or a kind or an energy is wrong, or missing.
-    """
+    """Read measured energies; return those of vibrating tiles, then those of still tiles, in the order of the file."""
     try:
         table = pl.read_csv(path, columns=["kind", "energy"], schema_overrides={"kind": pl.String})
         table = table.filter(~pl.all_horizontal(pl.all().is_null()))  # empty lines

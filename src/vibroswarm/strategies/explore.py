@@ -21,10 +21,6 @@ less the share 0.3 of it for a half turn, and proportionally less for smaller tu
 
 - Message: as of ``places``, and the tile (1 byte): 9 bytes.
 - What a robot is told about its task: as in ``places``, and the size of the arena.
-
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -110,7 +106,8 @@ class State(places.State, Course):
 
 class Arrays(places.Arrays):
     """Those of ``places``; for each tile, when this robot last sampled there or a message last named it as its sender's
-    target; and scratch: how unsure each tile is."""
+    target; and scratch: how unsure each tile is.
+    """
 
     visited_s = array("float64", "tiles")
     uncertainty = array("float64", "tiles")
@@ -136,21 +133,14 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Add another robot's sample to the map, and treat the tile that it drives to as visited now.
-
-    ``t_s`` is the time; ``m.target`` is that tile, -1 for none.
-    """
+    """Add another robot's sample to the map, and treat its target, ``m.target`` (-1: none), as visited now."""
     if m.target >= 0:
         a.visited_s[m.target] = t_s
     add_heard(s, a, m, sender, t_s, d, p, w)
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Add an earlier sample to the map and send it, decide, and choose where to drive.
-
-    That sample was taken ``localisation.lag`` samples ago, because its place is known better by now. Until the robot
-    has taken that many samples, nothing is added or sent.
-    """
+    """Add the sample of ``localisation.lag`` samples ago to the map and send it, decide, and choose where to drive."""
     sends: bool = add_own(s, a, x, out, d, p, w)
     if x.number > 0:
         # Update the moving average of the step by the distance from the place of the sample before.
@@ -184,10 +174,7 @@ def middle_y_m(tile: int, w: World) -> float:
 
 
 def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
-    """Set ``s.turn_rad`` and ``s.target``: the turn to the point of the greatest worth, and the tile of that point.
-
-    If the robot is unsure of its place, or all points are too close to walls, the turn is 0 and the target -1.
-    """
+    """Set ``s.turn_rad`` and ``s.target`` for the point of the greatest worth; 0 and -1 if there is none."""
     s.target, s.turn_rad = -1, 0.0
     if x.spread_m > p.sure_within * min(w.tile_width_m, w.tile_height_m):
         return
@@ -217,10 +204,7 @@ def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
 
 
 def tile_at(x_m: float, y_m: float, w: World) -> int:
-    """Return the tile at a place, or the nearest tile if the place is off the grid: row * columns + column.
-
-    Row 0 is at the top, where y is largest.
-    """
+    """Return the tile at a place, or the nearest one off the grid: row * columns + column, the top row first."""
     column = min(max(int((x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
     row = min(max(int(w.rows - (y_m - w.bottom_m) / w.tile_height_m), 0), w.rows - 1)
     return row * w.columns + column
