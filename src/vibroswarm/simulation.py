@@ -19,8 +19,8 @@ from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.errors import InputError, RunError, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import strategy_used
+from vibroswarm.inference.closed_loop import steered_motion, until_all_decided
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
-from vibroswarm.inference.motion_feedback import steered_motion, until_all_decided
 from vibroswarm.inference.outcomes import outcome_tables, with_shares
 from vibroswarm.inference.replay import infer_and_report
 from vibroswarm.localisation.locate import is_estimated, place_frame

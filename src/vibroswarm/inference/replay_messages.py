@@ -54,6 +54,7 @@ from vibroswarm.inference.default_hooks import (
     steer,
     views,
 )
+from vibroswarm.inference.deliveries import positions_at
 from vibroswarm.inference.replay_arrays import (
     AGREED_SINCE,
     BUFFER_FULL,
@@ -72,7 +73,6 @@ from vibroswarm.inference.replay_arrays import (
     put_message,
     take_first,
 )
-from vibroswarm.inference.sender_positions import positions_at
 from vibroswarm.strategies.world import Draws, World
 
 NEVER = 2**62

@@ -12,6 +12,7 @@ from vibroswarm.core.jit import entry_for, read_only, zero_rows
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError
 from vibroswarm.inference.agents import empty_swarm, set_failures, sizes_of, strategy_used, world_of
+from vibroswarm.inference.deliveries import NO_TRACKS, Tracks
 from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
 from vibroswarm.inference.replay_arrays import (
     BUFFER_FULL,
@@ -25,7 +26,6 @@ from vibroswarm.inference.replay_arrays import (
     empty_inbox,
     empty_log,
 )
-from vibroswarm.inference.sender_positions import NO_TRACKS, Tracks
 from vibroswarm.networks import Network
 from vibroswarm.networks import network as network_of
 from vibroswarm.scenario.scenario import Scenario

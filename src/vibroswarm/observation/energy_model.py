@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm import sensors
-from vibroswarm.core.elementary import exp, log
-from vibroswarm.core.quadrature import over_normal
+from vibroswarm.core.elementary import exp, log, over_normal
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Place
 from vibroswarm.scenario.fields import Sensor

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.angles import wrapped
+from vibroswarm.core.arrays import wrapped
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.core.tables import check_table
 from vibroswarm.motion.motion_tables import SCHEMAS, Collected, Motion

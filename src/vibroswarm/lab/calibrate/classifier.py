@@ -27,8 +27,7 @@ import numpy as np
 import polars as pl
 from threadpoolctl import threadpool_limits
 
-from vibroswarm.core.angles import wrapped
-from vibroswarm.core.arrays import Floats
+from vibroswarm.core.arrays import Floats, wrapped
 from vibroswarm.core.optional_library import needed
 from vibroswarm.lab.calibrate.samples import ROUNDING_S, lag_one
 from vibroswarm.statistics.intervals import Interval, bounded_mean

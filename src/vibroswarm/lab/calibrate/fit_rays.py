@@ -35,8 +35,7 @@ from typing import Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.angles import wrapped
-from vibroswarm.core.arrays import Bools, Floats, Ints
+from vibroswarm.core.arrays import Bools, Floats, Ints, wrapped
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.lab.calibrate.dataset import Dataset
 from vibroswarm.lab.calibrate.drive import track_of

@@ -24,8 +24,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.angles import wrapped
-from vibroswarm.core.arrays import Bools, Floats
+from vibroswarm.core.arrays import Bools, Floats, wrapped
 from vibroswarm.core.numbers import count, number, stated
 from vibroswarm.errors import InputError
 from vibroswarm.lab.recordings.log import SAMPLES, Log
