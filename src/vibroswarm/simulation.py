@@ -22,7 +22,7 @@ from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.closed_loop import steered_motion, until_all_decided
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
 from vibroswarm.inference.outcomes import outcome_tables, with_shares
-from vibroswarm.inference.replay import infer_and_report
+from vibroswarm.inference.replay import infer
 from vibroswarm.localisation.locate import is_estimated, place_frame
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.pose import poses_of
@@ -82,7 +82,7 @@ def simulate(
         motions = moved(motion, scenario, seed, chosen, moves or poses, progress)
     observations = observe(scenario, seed, motions.samples, floors, energies=energies)
     timeline = timeline_of(scenario, motions)
-    inference, finals, reports = infer_and_report(scenario, seed, timeline, observations)
+    inference, finals, reports = infer(scenario, seed, timeline, observations)
     places = places_of(scenario, seed, timeline)
     made = result_of(
         scenario, seed, floors, motions, observations, inference, finals, motion, places, reports
@@ -156,7 +156,7 @@ def replay(result: Result, scenario: Scenario) -> Result:
         energies = observations["energy"].null_count() < observations.height
         observations = observe(scenario, seed, result.motion, floors, energies=energies)
     timeline = timeline_of(scenario, motion)
-    inference, finals, reports = infer_and_report(scenario, seed, timeline, observations)
+    inference, finals, reports = infer(scenario, seed, timeline, observations)
     places = places_of(scenario, seed, timeline)
     made = result_of(
         scenario, seed, floors, motion, observations, inference, finals, result.source, places, reports

@@ -89,7 +89,11 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -
 
 def check_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -> None:
     """Refuse a folder that is to be written if it exists and may not be replaced, or cannot be written."""
-    check_writable(path)
+    nearest = next((place for place in (path, *path.parents) if place.exists()), Path())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(
+            f"cannot be made: '{nearest}' is not a folder that you may write to", field=str(path)
+        )
     if not path.exists() or not any(path.iterdir()):
         return
     if not replace:
@@ -97,12 +101,3 @@ def check_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -
     is_ours = any((path / name).exists() for name in (marker, *OURS))
     if not is_ours or Path.cwd().is_relative_to(path.resolve()):
         raise InputError("is no result of vibroswarm, or the working folder: not replaced", field=str(path))
-
-
-def check_writable(path: Path) -> None:
-    """Refuse a folder that cannot be made or written to: a file is in its way, or the user may not write there."""
-    nearest = next((place for place in (path, *path.parents) if place.exists()), Path())
-    if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
-        raise InputError(
-            f"cannot be made: '{nearest}' is not a folder that you may write to", field=str(path)
-        )

@@ -48,8 +48,6 @@ KINDS: Final = {
     "document": "what a command printed",
 }
 """Kinds of manifests, in words."""
-DAMAGED: Final = "is damaged, not what was written"
-"""Beginning of messages about files that were changed."""
 
 
 def manifest_text(kind: str, **values: Any) -> str:
@@ -73,14 +71,9 @@ def read_manifest(path: Path, *kinds: str) -> dict[str, Any]:
     return values  # type: ignore[no-any-return]
 
 
-def has_manifest(folder: Path) -> bool:
-    """Return whether a folder has a manifest, readable or not."""
-    return (folder / MANIFEST).exists()
-
-
 def kind_of(folder: Path) -> str | None:
     """Return the kind of a folder; None if it has no manifest."""
-    return str(read_manifest(folder)["kind"]) if has_manifest(folder) else None
+    return str(read_manifest(folder)["kind"]) if (folder / MANIFEST).exists() else None
 
 
 def about_file(data: bytes) -> dict[str, Any]:
@@ -98,7 +91,7 @@ def check_files(values: Mapping[str, Any], path: Path) -> dict[str, Path]:
             raise InputError("is missing", field=str(file))
         with file.open("rb") as stream:
             if hashlib.file_digest(stream, "sha256").hexdigest() != about["sha256"]:
-                raise InputError(DAMAGED, field=str(file))
+                raise InputError("is damaged, not what was written", field=str(file))
         # The file of a table has its name, unless the description says another table.
         files[about.get("table", file.stem)] = file
     return files

@@ -16,7 +16,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import cache, wraps
 from hashlib import sha256
 from importlib.util import find_spec
@@ -52,22 +52,17 @@ UNUSED_DAYS: Final = 30
 
 @cache
 def source_hash() -> str:
-    """Return a hash of all sources that a simulation may depend on, 16 hexadecimal digits."""
-    return hash_of_files(PACKAGE, simulation_sources())
+    """Return a hash of all sources that a simulation may depend on, and of their names, 16 hexadecimal digits."""
+    digest = sha256()
+    for file in simulation_sources():
+        digest.update(file.relative_to(PACKAGE).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
 
 
 def simulation_sources() -> list[Path]:
     """Return all source files that a simulation may depend on, sorted by path."""
     files = sorted(PACKAGE.rglob("*.py"))
     return [file for file in files if file.relative_to(PACKAGE).parts[0] not in LAYERS_ABOVE]
-
-
-def hash_of_files(folder: Path, files: Iterable[Path]) -> str:
-    """Return a hash (16 hexadecimal digits) of the contents of files, and of their names in a folder."""
-    digest = sha256()
-    for file in files:
-        digest.update(file.relative_to(folder).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
 
 
 @cache
@@ -113,11 +108,6 @@ def is_cached(*sources: str) -> bool:
         (folder.rglob(f"{ENGINES.get(name, name)}.*.nbc") for name in sources or ENGINES) if folder else ()
     )
     return not COMPILES or any(map(any, found))
-
-
-def compiles() -> bool:
-    """Return whether kernels are compiled, rather than run as plain Python."""
-    return COMPILES
 
 
 def generated(name: str, text: str, *, is_saved: bool = True) -> ModuleType:

@@ -5,20 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Final, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from vibroswarm.errors import InputError, nearest, shown
 
-
-class Named(Protocol):
-    """An object with a name."""
-
-    @property
-    def name(self) -> str:
-        """The name under which it is registered."""
-
-
-T = TypeVar("T", bound=Named)
+T = TypeVar("T", bound=Any)
+"""Objects with a ``name``."""
 
 REGISTERED: Final = re.compile(r"= register\(\s*\w+\(\s*(?:__name__,\s*)?(?:name=)?\"(\w+)\"")
 """How a file of this package registers an object, with its name."""
@@ -46,12 +38,6 @@ def written_names(folder: str, suffix: str = ".py") -> list[str]:
     return sorted(name for file in files for name in REGISTERED.findall(file.read_text(encoding="utf-8")))
 
 
-def other_name(registered: Named) -> str:
-    """Return what to do if a registered object has the name of a new one, for error messages."""
-    forget = f"{type(registered).__module__}.forget('{registered.name}')"
-    return f"give yours another name, or call {forget} before if it is an earlier one of yours"
-
-
 class Registry(Generic[T]):
     """The registered objects of one kind, and the setting that selects one, for messages."""
 
@@ -63,8 +49,11 @@ class Registry(Generic[T]):
         """Register an object under its name; return it, or an equal one that is registered already."""
         registered = self._known.setdefault(one.name, one)
         if registered != one:
+            forget = f"{type(registered).__module__}.forget('{registered.name}')"
             raise InputError(
-                f"there is a {self.kind} '{one.name}' already; {other_name(registered)}", field="name"
+                f"there is a {self.kind} '{one.name}' already; give yours another name, or call {forget} before if it "
+                "is an earlier one of yours",
+                field="name",
             )
         return registered
 

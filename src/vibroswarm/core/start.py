@@ -6,8 +6,6 @@ Whatever this file imports at its top must have been loaded by Python itself: th
 import os
 import sys
 
-PROGRAM = "vibroswarm"
-
 
 def leave_working_folder_out(package: str) -> None:
     """Take the working folder off the search path where ``python -m vibroswarm`` has put it."""
@@ -28,4 +26,4 @@ def _is_run_as_module() -> bool:
         return False
     word = sys.orig_argv[-len(sys.argv)]  # before the arguments: the name, or with its option, "-mNAME"
     module = word.partition("m")[2] if word.startswith("-") else word
-    return module.partition(".")[0] == PROGRAM
+    return module.partition(".")[0] == "vibroswarm"

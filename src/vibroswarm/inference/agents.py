@@ -197,19 +197,12 @@ def set_failures(swarm: Swarm, scenario: Scenario, seed: int, runs: NDArray[np.i
     # If each robot of a run has a fault, all opinions count.
     opinion_counts[~opinion_counts.any(axis=1)] = True
     swarm.failures["opposite_from_s"] = onset_s(scenario, seed, numbers, "opposite").ravel()
-    swarm.failures["silent_tick"] = silent_ticks(scenario, seed, numbers).ravel()
-    swarm.failures["works"] = opinion_counts.ravel()
-
-
-def silent_ticks(scenario: Scenario, seed: int, runs: list[int]) -> NDArray[np.int64]:
-    """Return the tick from which each robot's radio is dead, (runs, robots); ``NEVER_TICK`` if it never is."""
-    from_s = onset_s(scenario, seed, runs, "radio_dead")
-    tick_ms = scenario.run.control_period_ms
     # Messages are sent and read at ticks, so the times are converted to ticks.
-    ticks = [
-        NEVER_TICK if np.isinf(time_s) else tick_at(time_s, tick_ms) for time_s in from_s.ravel().tolist()
+    swarm.failures["silent_tick"] = [
+        NEVER_TICK if np.isinf(time_s) else tick_at(time_s, scenario.run.control_period_ms)
+        for time_s in onset_s(scenario, seed, numbers, "radio_dead").ravel().tolist()
     ]
-    return np.array(ticks, dtype=np.int64).reshape(from_s.shape)
+    swarm.failures["works"] = opinion_counts.ravel()
 
 
 def sizes_of(scenario: Scenario) -> dict[str, int]:
@@ -270,8 +263,9 @@ def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
     decided = agents["decision"] != -1
     alpha, beta = _counts_of(states)
     used = strategy_used(scenario)
-    posterior = posterior_of(scenario, swarm, used)
-    estimate, spread = estimate_of(*posterior), spread_of(*posterior)
+    of_share, of_others = posterior_of(scenario, swarm, used)
+    estimate = estimate_of(of_share, of_others)
+    spread = np.sqrt(estimate * (1.0 - estimate) / (of_share + of_others + 1.0))  # Eq. 17
     if used.has_own_estimate:
         estimate, spread = states["estimate"].copy(), states["estimate_spread"].copy()
     return {
@@ -324,9 +318,3 @@ def estimate_of(alpha: NDArray[Any], beta: NDArray[Any]) -> NDArray[np.float64]:
     # ``where`` leaves nan where the total is 0 or nan.
     estimate: NDArray[np.float64] = np.divide(alpha, total, out=np.full(total.shape, np.nan), where=total > 0)
     return estimate
-
-
-def spread_of(alpha: NDArray[Any], beta: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the posterior standard deviation of the fill ratio, element by element (Eq. 17); nan as there."""
-    mean, total = estimate_of(alpha, beta), alpha + beta.astype(np.float64)
-    return np.asarray(np.sqrt(mean * (1.0 - mean) / (total + 1.0)))

@@ -83,26 +83,23 @@ def record_samples(
     return filled
 
 
-def max_samples(scenario: Scenario) -> int:
-    """Return an upper bound of the samples of a run, from the fewest ticks between two samples of a robot."""
-    tick_ms, sample = scenario.run.control_period_ms, scenario.sample
-    between = 1 + int(sample.sample_interval_ms // tick_ms) + int(sample.stop_ms // tick_ms)
-    return scenario.swarm.robots * (scenario.ticks // between + 2)
-
-
 class ClosedLoop:
     """Observes and replays runs of a scenario, one after the other, while they move."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         """Allocate all memory for a run; ``begin`` sets its contents."""
-        robots, capacity = scenario.swarm.robots, max_samples(scenario)
-        self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
+        # An upper bound of a run's samples: the sample timer must exceed the interval, so it takes a tick more; two
+        # more per robot are for those at the beginning and at the end of the run.
+        robots, sample, tick_ms = scenario.swarm.robots, scenario.sample, scenario.run.control_period_ms
+        between = 1 + int(sample.sample_interval_ms // tick_ms) + int(sample.stop_ms // tick_ms)
+        capacity = robots * (scenario.ticks // between + 2)
+        self.scenario, self.seed, self.tick_ms = scenario, seed, tick_ms
         self.localisation = PlaceFilters(scenario, seed) if is_estimated(scenario) else None
         self.is_sensed, self.is_weighed = is_sensed(scenario.sensor), reads_energies(scenario)
         self.replayer = Replayer(scenario, self.seed, runs=1, longest=capacity, rows=capacity)
         # needs_moves: whether network or localisation read the moves, so that ``add_moves`` must be called before
         # ``catch_up``.
-        self.needs_moves = self.replayer.reads_positions or self.localisation is not None
+        self.needs_moves = self.replayer.network.reads_positions or self.localisation is not None
         # ``begin`` sets the arrays with an entry per robot, and ``record_samples`` the rows of the others.
         self.buffer = SampleBuffer(
             rows=Rows(
@@ -153,7 +150,7 @@ class ClosedLoop:
 
     def add_moves(self, rows: NDArray[np.void]) -> None:
         """Append copies of moves (``MOVE_ROW``); of two rows of one move the later counts, so it may be under way."""
-        if self.replayer.reads_positions:
+        if self.replayer.network.reads_positions:
             self.moves.append(rows.copy())
         if self.localisation is not None:
             self.localisation.add_moves(rows)
@@ -193,7 +190,7 @@ class ClosedLoop:
                 self.rows.time_s[new],
                 self.buffer.readings.estimates[new],
             )
-        if self.replayer.reads_positions:
+        if self.replayer.network.reads_positions:
             self.tracks = tracks_of_rows(np.concatenate(self.moves), stop_tick.size)
         self.replayer.advance(
             self.rows, self.readings, self.stops, from_start=self.caught_up < 0, tracks=self.tracks
@@ -288,19 +285,10 @@ def until_all_decided(
 ) -> Motion:
     """Simulate runs until one tick after all robots decided: replay whole runs, then simulate up to that tick."""
     whole = moved(motion, scenario, seed, runs, needs_moves(scenario))
-    ends_s = np.minimum(all_decided_s(scenario, seed, whole, floors) + scenario.tick_s, scenario.run.t_end_s)
-    until = [tick_at(end_s, scenario.run.control_period_ms) for end_s in ends_s.tolist()]
-    return moved(motion, scenario, seed, runs, moves, progress, until)
-
-
-def all_decided_s(
-    scenario: Scenario, seed: int, motion: Motion, floors: Mapping[int, Floor]
-) -> NDArray[np.float64]:
-    """Return when all robots of each run had decided for the first time, (runs,); inf where some never did."""
-    seen, timeline = (
-        observe(scenario, seed, motion.samples, floors, energies=reads_energies(scenario)),
-        timeline_of(scenario, motion),
-    )
+    seen = observe(scenario, seed, whole.samples, floors, energies=reads_energies(scenario))
+    timeline = timeline_of(scenario, whole)
     replayer = replayer_of(scenario, seed, timeline)
     advance(replayer, scenario, seed, timeline, *classes_and_values(seen))
-    return replayer.decided_s
+    ends_s = np.minimum(replayer.decided_s + scenario.tick_s, scenario.run.t_end_s)
+    until = [tick_at(end_s, scenario.run.control_period_ms) for end_s in ends_s.tolist()]
+    return moved(motion, scenario, seed, runs, moves, progress, until)

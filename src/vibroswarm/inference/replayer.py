@@ -89,11 +89,6 @@ class Replayer:
         self.under_way = min(self.robots * self.robots, 2**19) + 64
         self.buffer = self._message_buffer(at_samples + 64)
 
-    @property
-    def reads_positions(self) -> bool:
-        """Whether the network reads robot positions."""
-        return self.network.reads_positions
-
     def advance(
         self,
         rows: Rows,

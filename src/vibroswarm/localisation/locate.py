@@ -40,7 +40,7 @@ from vibroswarm.core.rng import (
 from vibroswarm.errors import InputError
 from vibroswarm.localisation.odometry import OwnMoves, measure, noticed, odometer_of
 from vibroswarm.motion.geometry import wrapped_rad
-from vibroswarm.motion.motion_tables import MOVE_ROW, Motion, joined
+from vibroswarm.motion.motion_tables import MOVE_ROW, joined
 from vibroswarm.robot.localisation import drive, obstacle, sampled, turn
 from vibroswarm.robot.pose_mixture import ESTIMATE, LocalisationProgram, Mixture, begin, empty_mixture
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP
@@ -67,13 +67,6 @@ PLACES: Final[Any] = {
 """Columns of the table of places: where a robot believes it is when it takes a sample, with the standard deviation. The
 columns ``lagged_*`` are the number, place and standard deviations of the sample ``localisation.lag`` ago, corrected by
 what the robot met since; they are null for the robot's first samples, before which there are not so many."""
-
-
-def locate(scenario: Scenario, seed: int, motion: Motion) -> pl.DataFrame:
-    """Return the table of where each robot believes it is at each sample (``PLACES``)."""
-    samples = motion.samples
-    stop_start_s, time_s = (samples[name].to_numpy() for name in ("stop_start_s", "time_s"))
-    return place_frame(samples, estimate(scenario, seed, samples, stop_start_s, time_s, motion.moves))
 
 
 def place_frame(samples: pl.DataFrame, estimates: NDArray[np.float64]) -> pl.DataFrame:

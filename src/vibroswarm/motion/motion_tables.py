@@ -14,7 +14,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import kernel, zero_rows
-from vibroswarm.core.tables import Schema
 from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.robot.walk import AVOID, KINDS, TURN
 
@@ -75,13 +74,6 @@ ENDS: Final[dict[str, Any]] = {
 """Columns of the table ``ends`` and their types."""
 FAILURES: Final[dict[str, Any]] = {"run": pl.UInt32, "time_s": pl.Float64, "reason": pl.String}
 """Runs that failed: since when their robots stand, and why."""
-SCHEMAS: Final = {
-    "samples": Schema(MOTION),
-    "ends": Schema(ENDS, frozenset({"stop_start_s"})),  # a robot that does not stand has none
-    "moves": Schema(MOVES, frozenset({"ray_m"})),
-    "failures": Schema(FAILURES),
-}
-"""The tables of a ``Motion``, in its order."""
 
 SAMPLE_ROW = np.dtype(
     [("run", np.uint32), ("robot", np.uint16), ("sample", np.uint32)]
@@ -237,11 +229,9 @@ def sample_frame(samples: Sequence[SampleColumns]) -> pl.DataFrame:
 def end_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
     """Return the table ``ends``; robots that hear messages (``stop_tick`` -1) have no ``stop_start_s``."""
     stop_s = np.where(rows["stop_tick"] >= 0, seconds(rows["stop_tick"], tick_ms), np.nan)
-    columns: dict[str, Any] = {name: rows[name].copy() for name in ("run", "robot")}  # contiguous
-    columns["end_s"] = seconds(rows["tick"], tick_ms)
-    columns |= {name: rows[name].copy() for name in ("x_m", "y_m", "heading_rad")}
-    columns["stop_start_s"] = pl.Series(stop_s, nan_to_null=True)
-    return pl.DataFrame(columns, schema=ENDS)
+    run, robot, *pose = (rows[name].copy() for name in ("run", "robot", "x_m", "y_m", "heading_rad"))
+    columns = [run, robot, seconds(rows["tick"], tick_ms), *pose, pl.Series(stop_s, nan_to_null=True)]
+    return pl.DataFrame(dict(zip(ENDS, columns, strict=True)), schema=ENDS)
 
 
 @kernel

@@ -259,7 +259,22 @@ def observe(
     """Return the observation table of a motion table."""
     energies = energies or reads_energies(scenario)
     readings = read_samples(scenario, seed, samples, floors, energies)
-    return observation_frame(scenario, samples, readings, energies)
+    names = model_of(scenario.sensor).names_of_numbers(scenario.sensor.params)
+    if energies:
+        columns = energies_read(scenario, readings).reshape(samples.height, len(names)).T
+        measured = [pl.Series(name, column) for name, column in zip(names, columns, strict=True)]
+    else:
+        # not by ``pl.repeat``, which hangs in a forked process
+        measured = [pl.Series(name, [None], MEASURED).new_from_index(0, samples.height) for name in names]
+    return pl.DataFrame(
+        [
+            *(samples[name] for name in ("run", "robot", "sample")),
+            pl.Series("tile", readings.tile),
+            measured[0].alias("energy"),
+            pl.Series("observation", readings.observation),
+            *measured[1:],
+        ]
+    )
 
 
 def reads_energies(scenario: Scenario) -> bool:
@@ -292,25 +307,3 @@ def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
         return read.values.astype(np.float32)
     factors = read.factors if factors_differ(scenario.sensor) else None  # None: all are 1
     return energies_of(scenario.sensor, read.kinds, read.numbers, factors, read.levels)
-
-
-def observation_frame(
-    scenario: Scenario, samples: pl.DataFrame, read: Readings, energies: bool
-) -> pl.DataFrame:
-    """Return the table of observations (``OBSERVATIONS``), with a row for each row of ``samples``."""
-    names = model_of(scenario.sensor).names_of_numbers(scenario.sensor.params)
-    if energies:
-        columns = energies_read(scenario, read).reshape(samples.height, len(names)).T
-        measured = [pl.Series(name, column) for name, column in zip(names, columns, strict=True)]
-    else:
-        # not by ``pl.repeat``, which hangs in a forked process
-        measured = [pl.Series(name, [None], MEASURED).new_from_index(0, samples.height) for name in names]
-    return pl.DataFrame(
-        [
-            *(samples[name] for name in ("run", "robot", "sample")),
-            pl.Series("tile", read.tile),
-            measured[0].alias("energy"),
-            pl.Series("observation", read.observation),
-            *measured[1:],
-        ]
-    )

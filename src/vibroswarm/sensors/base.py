@@ -174,17 +174,20 @@ class SensorModel(Plugin):
         Raises:
             CodeError: ``likelihood`` returned what is no density.
         """
-        return self._call("likelihood", kind, value, p, is_right=_is_density)
+        return self._call("likelihood", kind, value, p, is_right=lambda density: density >= 0.0)
 
     def densities_at(self, contrast: float, value: Values, p: BaseModel) -> Values:
         """Return the likelihood of values at a contrast between the kinds 0 and 1.
 
         It is what the sensor states (``likelihood_at``); else it follows from the quantiles of both kinds, in steps
-        between those at ``_contrast_levels``, and is 0 beyond them.
+        between 200 of them, and is 0 beyond them.
         """
         if self.likelihood_at is not None:
-            return self._call("likelihood_at", contrast, value, p, is_right=_is_density)
-        u = _contrast_levels()
+            return self._call("likelihood_at", contrast, value, p, is_right=lambda density: density >= 0.0)
+        from scipy.special import ndtr  # its import takes long
+
+        # levels denser near 0 and 1
+        u = ndtr(np.linspace(-4.5, 4.5, 4000)[np.linspace(0, 3999, 200).round().astype(np.int64)])
         still, vibrating = (self.values(kind, u, p).astype(np.float32).astype(float) for kind in (0, 1))
         quantile = mixed(still, vibrating, contrast)
         density = np.diff(u) / np.maximum(np.diff(quantile), 1e-9)
@@ -284,10 +287,6 @@ def halved(
     return low, high
 
 
-def _is_density(density: Values) -> NDArray[np.bool_]:
-    return density >= 0.0
-
-
 @lru_cache(maxsize=256)
 def _shares_up_to(
     model: SensorModel, kind: int, factors: tuple[float, ...], p: BaseModel, beside: tuple[Any, ...]
@@ -303,13 +302,6 @@ def _shares_up_to(
         raise CodeError(f"sensor '{model.name}': the reading falls as u grows; see the protocol of sensors")
     strengths = np.array(factors)
     return read_only(model.shares_of(lambda u: model.values(kind, u, p) * strengths, strengths.shape, p))
-
-
-def _contrast_levels() -> Values:
-    """Quantile levels at which laws at contrasts are tabulated, denser near 0 and 1."""
-    from scipy.special import ndtr  # its import takes long
-
-    return np.asarray(ndtr(np.linspace(-4.5, 4.5, 4000)[np.linspace(0, 3999, 200).round().astype(np.int64)]))
 
 
 @lru_cache(maxsize=16)

@@ -178,7 +178,8 @@ def has_own_estimate(scenario: Scenario) -> bool:
 
 def asked_number(scenario: Scenario) -> str:
     """Return in words the number that the task asks for; empty if it asks for a decision."""
-    return str(scenario.task.entry.estimated_in_words(scenario.task.params))
+    words = scenario.task.entry.estimated
+    return str(words(scenario.task.params) if callable(words) else words)
 
 
 def mean_over_time(floor: Floor, end_s: float, expected: Callable[[Floor], Any]) -> Any:

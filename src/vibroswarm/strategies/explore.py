@@ -163,16 +163,6 @@ def steer(s: Row, a: Row, x: Reading, d: Draws, p: Row, w: World) -> tuple[float
     return math.nan if s.turn_rad == 0.0 else math.degrees(s.turn_rad), UNTIL_SAMPLE_MS
 
 
-def middle_x_m(tile: int, w: World) -> float:
-    """Return x of the middle of a tile."""
-    return w.left_m + (tile % w.columns + 0.5) * w.tile_width_m
-
-
-def middle_y_m(tile: int, w: World) -> float:
-    """Return y of the middle of a tile; row 0 is the top."""
-    return w.bottom_m + (w.rows - 0.5 - tile // w.columns) * w.tile_height_m
-
-
 def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
     """Set ``s.turn_rad`` and ``s.target`` for the point of the greatest worth; 0 and -1 if there is none."""
     s.target, s.turn_rad = -1, 0.0
@@ -195,7 +185,9 @@ def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
             continue
         worth = 0.0
         for t in range(w.rows * w.columns):
-            along_m, aside_m = middle_x_m(t, w) - x_m, middle_y_m(t, w) - y_m
+            # from the point to the middle of the tile; row 0 is the top
+            along_m = w.left_m + (t % w.columns + 0.5) * w.tile_width_m - x_m
+            aside_m = w.bottom_m + (w.rows - 0.5 - t // w.columns) * w.tile_height_m - y_m
             away_m = math.sqrt(along_m * along_m + aside_m * aside_m)
             worth += a.uncertainty[t] * math.exp(-away_m / p.range_m)
         worth *= 1.0 - TURN_COST * abs(turn_rad) / math.pi

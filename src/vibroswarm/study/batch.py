@@ -206,7 +206,7 @@ class _SharedMotion:
             replayed = (scenario, self.seed, self.timeline, readings.observation, energy)
             frames: list[pl.DataFrame] = []
             if scenario.change.is_given or keeps_map(scenario):
-                swarm, log = replay_followed(*replayed)
+                swarm, _, log = replay_followed(*replayed)
                 frames += self._over_time(scenario, floors, swarm, log)
             else:
                 swarm = replay_to_end(*replayed)

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.blas import with_one_blas_thread
+from vibroswarm.core.child_python import with_one_blas_thread
 from vibroswarm.lab.calibrate.camera import RIGHT, Camera
 from vibroswarm.lab.calibrate.dataset import Dataset, signed_edge_distance
 from vibroswarm.lab.calibrate.fit_sensor import fit_plain, log_likelihoods, unit_of
