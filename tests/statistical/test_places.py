@@ -35,8 +35,11 @@ def moved() -> Motion:
 @cache
 def places_of(**values: Any) -> pl.DataFrame:
     """Places with the true ones of the samples that they are of."""
-    scenario = GOOD.with_values({name.replace("__", "."): v for name, v in values.items()})
-    places = located(scenario, SEED, timeline_of(scenario, moved()))
+    places = located(
+        GOOD.with_values({name.replace("__", "."): v for name, v in values.items()}),
+        SEED,
+        timeline_of(GOOD, moved()),
+    )
     true = moved().samples.select("run", "robot", pl.col("sample").alias("lagged_sample"), "x_m", "y_m")
     return places.join(true, on=["run", "robot", "lagged_sample"], how="left", suffix="_true")
 
@@ -72,10 +75,9 @@ def test_starts_are_told_with_an_error_in_each_direction() -> None:
 
 
 def test_each_robot_is_located_with_its_own_ray() -> None:
-    timeline = timeline_of(GOOD, moved())
-    own = located(GOOD.with_values({"rays.forward_each_m": (0.0, 0.05)}), SEED, timeline)
+    own = located(GOOD.with_values({"rays.forward_each_m": (0.0, 0.05)}), SEED, timeline_of(GOOD, moved()))
     for k, forward_m in enumerate((0.0, 0.05)):
-        alike = located(GOOD.with_values({"rays.forward_m": forward_m}), SEED, timeline)
+        alike = located(GOOD.with_values({"rays.forward_m": forward_m}), SEED, timeline_of(GOOD, moved()))
         rows = pl.col("robot") % 2 == k
         assert own.filter(rows).equals(alike.filter(rows))
 
@@ -92,8 +94,8 @@ def test_places_of_a_run_depend_on_no_other_run() -> None:
         *(table.filter(pl.col("run") == 3) for table in (moved().samples, moved().ends)),
         moved().moves.filter(pl.col("run") == 3),  # type: ignore[union-attr]
     )
-    alone, among = (located(GOOD, SEED, timeline_of(GOOD, motion)) for motion in (one, moved()))
-    assert alone.equals(among.filter(pl.col("run") == 3))
+    among = located(GOOD, SEED, timeline_of(GOOD, moved()))
+    assert located(GOOD, SEED, timeline_of(GOOD, one)).equals(among.filter(pl.col("run") == 3))
 
 
 def decided(scenario: Scenario, timeline: Timeline) -> tuple[float, float]:
