@@ -54,7 +54,7 @@ def printed(**variables: str) -> tuple[list[str], str]:
         [sys.executable, "-P", "-c", RUN], env=kept, capture_output=True, text=True, timeout=600
     )
     assert done.returncode == 0, done.stderr
-    *runs, products = done.stdout.split(maxsplit=3)
+    *runs, products = done.stdout.split(maxsplit=2)
     return runs, products
 
 

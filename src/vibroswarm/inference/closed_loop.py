@@ -265,7 +265,8 @@ def steer_on(state: KernelRun, loop: ClosedLoop, until: int, sink: Sink) -> bool
     if loop.needs_moves:
         # The loop also needs moves that are not passed on yet, and those under way: localisation reads the stops at
         # which robots have just sampled, and networks the positions of all robots.
-        loop.add_moves(state.moves_since(since))
+        moves = state.moves_so_far()
+        loop.add_moves(moves[moves["until"] >= since])
     loop.catch_up(state.tick, state.stop_ticks)
     for k in range(before, loop.samples):  # rows of the new samples
         turn_deg, drive_ms = loop.replayer.steering[k].tolist()  # both nan: the strategy leaves all as drawn
