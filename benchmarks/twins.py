@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.kernel_run import KernelRun
-from vibroswarm.motion.motion_tables import Collected, joined
+from vibroswarm.motion.motion_tables import Sink, joined
 from vibroswarm.scenario.scenario import Scenario
 
 EVENTS = ("robot", "sample", "stop_tick", "tick", "drive", "turn", "avoid", "stop")
@@ -92,10 +92,10 @@ def begun(engine: type[KernelRun], scenario: Scenario, seed: int, run: int) -> K
 
 def rows_of(state: KernelRun) -> Rows:
     """All rows of a run."""
-    taken = Collected(state.scenario.run.control_period_ms)
-    state.advance(state.scenario.ticks, taken.sink)
-    ends = state.finish(taken.sink)
-    return Rows(joined([state.record.samples[:0], *taken.samples]), ends)
+    taken = [state.record.samples[:0]]
+    sink = Sink(lambda rows: taken.append(joined([rows])))
+    state.advance(state.scenario.ticks, sink)
+    return Rows(joined(taken), state.finish(sink))
 
 
 def judge(scenario: Scenario, seed: int, run: int) -> Verdict:

@@ -43,11 +43,7 @@ def in_file(path: Path) -> Iterator[None]:
 
 @contextmanager
 def named(field: str, of: str | None = None) -> Iterator[None]:
-    """Name the field in an ``InputError`` about a value that was given in it under another name.
-
-    Args:
-        of: the other name; errors about other fields are left as they are. None: all errors get the name.
-    """
+    """Name the field in an ``InputError`` about a value that was given in it under another name."""
     try:
         yield
     except InputError as error:
@@ -65,11 +61,7 @@ class CodeError(RunError):
 
 
 def nearest(word: object, known: Iterable[str], *, prefix: str = "", cutoff: float = 0.6) -> str:
-    """Return ``", did you mean 'x'?"`` for the known word most similar to ``word``, or "" if none is similar.
-
-    Args:
-        prefix: written before the known word. cutoff: least similarity, from 0 to 1.
-    """
+    """Return ``", did you mean 'x'?"`` for the known word most similar to ``word``, or "" if none is similar."""
     text = word if isinstance(word, str) else shown(word)
     # Cut, because comparing a very long text would take long.
     match = difflib.get_close_matches(text[:100], list(known), n=1, cutoff=cutoff)
@@ -83,13 +75,7 @@ def shown(value: object) -> str:
 
 
 def whole_number_of(value: object, field: str, low: int, high: int) -> int:
-    """Return a Python or NumPy integer as a Python integer, if it is in the range from ``low`` to ``high``, inclusive.
-
-    Args:
-        field: name of the argument, for the message.
-    Raises:
-        InputError: the value is of another type (a boolean is refused too), or out of range.
-    """
+    """Return a Python or NumPy integer as a Python integer, if it is from ``low`` to ``high``, inclusive."""
     number = plain_value(value)
     if type(number) is not int or not low <= number <= high:
         raise InputError(f"{shown(value)} is wrong; give a whole number from {low} to {high}", field=field)
@@ -112,13 +98,7 @@ def keep_plain(settings: object) -> None:
 
 
 def number_of(value: object, field: str, low: float = 0.0, high: float = 1e300) -> float:
-    """Return a number of Python or NumPy as an ``int`` or ``float``, if it is from ``low`` to ``high``, inclusive.
-
-    Args:
-        field: name of the argument, for the message. high: its default is below infinity, so that infinity is refused.
-    Raises:
-        InputError: the value is of another type (a boolean is refused too), NaN, or out of range.
-    """
+    """Return a number of Python or NumPy as an ``int`` or ``float``, if it is from ``low`` to ``high``, inclusive."""
     number = plain_value(value)
     if isinstance(number, bool) or not isinstance(number, int | float) or not low <= number <= high:
         raise InputError(f"{shown(value)} is wrong; give a number from {low:g} to {high:g}", field=field)
@@ -126,11 +106,7 @@ def number_of(value: object, field: str, low: float = 0.0, high: float = 1e300) 
 
 
 def share_from(text: object, field: str) -> float:
-    """Parse a percentage: ``"2%"`` is 0.02.
-
-    Raises:
-        InputError: it is no number with a percent sign, or not between 0 % and 100 %.
-    """
+    """Parse a percentage: ``"2%"`` is 0.02."""
     words = str(text).strip()
     try:  # as an exponent, so that 21.9 % is the float 0.219
         share = float(words.removesuffix("%").strip() + "e-2")
@@ -142,11 +118,7 @@ def share_from(text: object, field: str) -> float:
 
 
 def check_choice(value: object, field: str, choices: Iterable[str]) -> None:
-    """Refuse a value that is not among the choices.
-
-    Raises:
-        InputError: the message lists the choices and suggests the one with the most similar spelling.
-    """
+    """Refuse a value that is not among the choices."""
     known = list(choices)
     if not isinstance(value, str) or value not in known:
         raise InputError(
@@ -161,14 +133,7 @@ def check_known_keys(keys: Iterable[object], field: str, known: Iterable[str]) -
 
 
 def check_kind(value: object, kind: type | tuple[type, ...], field: str, words: str) -> None:
-    """Refuse a value that is not an instance of ``kind``.
-
-    Args:
-        kind: one type or several, as for ``isinstance``. field: the argument's name, for the message.
-        words: what the value should be, for the message: "a Result, as simulate() returns".
-    Raises:
-        InputError: the value is of another type.
-    """
+    """Refuse a value that is not an instance of ``kind``."""
     if not isinstance(value, kind):
         raise InputError(f"{shown(value)} is not {words}", field=field)
 

@@ -15,22 +15,15 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.atomic_io import MANIFEST, whole_file, whole_folder, write_file
+from vibroswarm.core.atomic_io import MANIFEST, whole_folder, write_file
 from vibroswarm.core.folders import about_file, check_files, manifest_text, read_manifest
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.numbers import count
-from vibroswarm.core.tables import Schema, parquet_bytes, read_table
+from vibroswarm.core.tables import parquet_bytes, read_frame
 from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.floor import DIGITS, Floor
-from vibroswarm.inference.outcomes import ROBOTS, RUNS, SHARES
-from vibroswarm.inference.replay import INFERENCE
-from vibroswarm.inference.reports import REPORTS
-from vibroswarm.localisation.locate import PLACES
-from vibroswarm.motion.motion_tables import ENDS, FAILURES, MOTION, MOVES, POSES
-from vibroswarm.observation.observe import MEASURED, OBSERVATIONS
 from vibroswarm.scenario import plugins
-from vibroswarm.scenario.fault_draws import FAULT_COLUMNS
 from vibroswarm.scenario.scenario import Scenario
 
 SCENARIO: Final = "scenario.toml"
@@ -60,68 +53,24 @@ CHANGES: Final[dict[str, Any]] = {
 }
 """Changes of floors during runs: which tile becomes which kind, and when; in this order of run, time and tile."""
 
-SAMPLE: Final = ("run", "robot", "sample")
-"""Key of tables with a row for each sample."""
-
-TABLES: Final = {
-    "motion": Schema(
-        MOTION, frozenset({"heading_rad", "drive_s", "turn_s", "avoid_s", "stop_s", "blocked_s"}), SAMPLE
-    ),
-    "ends": Schema(ENDS, frozenset({"x_m", "y_m", "heading_rad", "stop_start_s"}), ("run", "robot")),
-    "moves": Schema(MOVES, frozenset({"turn_rate_rad_s", "ray_m"})),
-    "poses": Schema(POSES),
-    "places": Schema(PLACES, frozenset(name for name in PLACES if name.startswith("lagged")), SAMPLE),
-    "observations": Schema(OBSERVATIONS, frozenset({"energy"}), SAMPLE, MEASURED),
-    "inference": Schema(INFERENCE, frozenset(INFERENCE) - {*SAMPLE}, SAMPLE),
-    "reports": Schema(REPORTS, frozenset({"value"}), (*SAMPLE, "name", "index")),
-    "robots": Schema(
-        ROBOTS | SHARES,
-        frozenset(ROBOTS | SHARES) - {"run", "robot", "samples", "sent"},
-        ("run", "robot"),
-    ),
-    "runs": Schema(
-        RUNS, frozenset({"consensus", "consensus_time_s", "truth", "right", "wrong", "undecided"}), ("run",)
-    ),
-    "floors": Schema(FLOORS, key=("run",)),
-    "changes": Schema(CHANGES, key=("run", "time_s", "tile")),
-    "faults": Schema(FAULT_COLUMNS, key=("run", "robot", "fault")),
-    "failures": Schema(FAILURES, key=("run",)),
-}
-"""Columns and keys of each table of a result, and the columns that may be null: events that did not happen, and values
-that a recording cannot know."""
-
-
-def code_files(scenarios: Iterable[Scenario], *others: str) -> dict[str, str]:
-    """Return the texts of the users' code files that are used by scenarios, or by ``others``, by name of the file.
-
-    Others are names of what no scenario has, such as the motion source; those that are no references to code are left
-    out.
-
-    Files that are not loaded in this process are left out.
-
-    Raises:
-        InputError: two different files have one name.
-    """
-    files: dict[str, str] = {}
-    codes = [*others, *(code for scenario in scenarios for code in scenario.codes)]
-    for code, text in plugins.texts_of(codes):
-        name = code.partition(plugins.HASH)[0].rpartition(":")[
-            0
-        ]  # a reference to code is "file.py:Name sha256:..."
-        if files.setdefault(name, text) != text:
-            raise InputError("two different files have this name; rename one, as a copy is kept", field=name)
-    return files
+TABLES: Final = (
+    "motion", "ends", "moves", "poses", "places", "observations", "inference", "reports", "robots", "runs", "floors",
+    "changes", "faults", "failures",
+)  # fmt: skip
+"""Names of the tables of a result; docs/results.md describes their columns."""
 
 
 def write_code(folder: Path, scenarios: Iterable[Scenario], *others: str) -> None:
-    """Write copies of the users' code files of ``code_files`` into an existing folder; the copies are never run.
-
-    Raises:
-        InputError: two different files have one name. RunError: the disk is full or failed.
-    """
-    for file_name, text in code_files(scenarios, *others).items():
-        with whole_file(folder / file_name) as part:
-            part.write_text(text, encoding="utf-8")
+    """Write copies of the loaded code files of scenarios and others, such as a motion source; they are never run."""
+    files: dict[str, str] = {}
+    for code, text in plugins.texts_of(
+        [*others, *(code for scenario in scenarios for code in scenario.codes)]
+    ):
+        name = code.partition(plugins.HASH)[0].rpartition(":")[0]  # of "file.py:Name sha256:..."
+        if files.setdefault(name, text) != text:
+            raise InputError("two different files have this name; rename one, as a copy is kept", field=name)
+    for name, text in files.items():
+        write_file(folder / name, text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +207,7 @@ class Result(NotebookView):
         for name, data in self._contents():
             write_file(folder / name, data)
             files[name] = about_file(data)
-        text = manifest_text(self.KIND, **self._about(), **self._more(), files=files)
+        text = manifest_text(self.KIND, **self._about(), files=files)
         write_file(folder / MANIFEST, text)
         write_code(folder, [self.scenario], self.source)
 
@@ -273,7 +222,7 @@ class Result(NotebookView):
                 yield f"{name}.parquet", parquet_bytes(frame, metadata)
 
     def _about(self) -> dict[str, Any]:
-        """Return the entries of the manifest that all results have."""
+        """Return the entries of the manifest beside its files."""
         return {
             "seed": self.seed,
             "source": self.source,
@@ -281,10 +230,6 @@ class Result(NotebookView):
             "tables": [name for name in TABLES if getattr(self, name) is not None],
             "versions": dict(self.versions),
         }
-
-    def _more(self) -> dict[str, Any]:
-        """Return the entries of the manifest that only this class has."""
-        return {}
 
     @classmethod
     def read(cls, path: str | Path) -> Result:
@@ -303,39 +248,13 @@ class Result(NotebookView):
         scenario = Scenario.read(folder / SCENARIO)
         frames: dict[str, Any] = dict.fromkeys(TABLES)
         for name in about["tables"]:
-            frames[name] = read_table(folder / f"{name}.parquet", TABLES[name], name)
-        _check_robots(frames, scenario.swarm.robots, folder)
+            frames[name] = read_frame(folder / f"{name}.parquet", name)
         head = {name: about[name] for name in ("seed", "source", "versions")}
         return Result(scenario=scenario, **head, **frames)
 
 
-def _check_robots(frames: Mapping[str, pl.DataFrame], robots: int, folder: Path) -> None:
-    """Check that ``ends`` and ``robots`` have each robot of each run in order, and that floors have the same runs.
-
-    Args:
-        frames: tables by name. robots: number in the scenario. folder: of the result, for messages.
-    """
-    runs = frames["runs"]["run"]
-    expected = pl.DataFrame(
-        {"run": np.repeat(runs, robots), "robot": np.tile(np.arange(robots), runs.len())},
-        schema={"run": pl.UInt32, "robot": pl.UInt16},
-    )
-    for name in ("ends", "robots"):
-        if runs.is_empty() or not frames[name].select("run", "robot").equals(expected):
-            raise InputError(
-                f"has not one row for each of {robots} robots in each run",
-                field=str(folder / f"{name}.parquet"),
-            )
-    if not frames["floors"]["run"].equals(runs):
-        raise InputError("has not the runs of the table 'runs'", field=str(folder / "floors.parquet"))
-
-
 def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:
-    """Return floors as a table (``FLOORS``) with one row per run.
-
-    Args:
-        floors: the floor of each run, by run number, at least one; rows are in the order of this mapping.
-    """
+    """Return floors as a table (``FLOORS``) with one row per run."""
     digits = np.frombuffer(DIGITS.encode(), dtype=np.uint8)
     rows = [
         (run, *floor.geometry, digits[floor.tiles].tobytes().decode("ascii"), floor.name)
@@ -346,11 +265,7 @@ def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:
 
 
 def change_frame(floors: Mapping[int, Floor]) -> pl.DataFrame | None:
-    """Return the changes of floors as a table (``CHANGES``), run by run; None if no floor changes.
-
-    Args:
-        floors: the floor of each run, by run number; rows are in the order of this mapping.
-    """
+    """Return the changes of floors as a table (``CHANGES``), run by run; None if no floor changes."""
     changing = {run: floor.changes for run, floor in floors.items() if floor.is_changing}
     if not changing:
         return None

@@ -19,10 +19,10 @@ from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.errors import InputError, RunError, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import strategy_used
+from vibroswarm.inference.closed_loop import steered_motion, until_all_decided
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
-from vibroswarm.inference.motion_feedback import steered_motion, until_all_decided
 from vibroswarm.inference.outcomes import outcome_tables, with_shares
-from vibroswarm.inference.replay import infer_and_report
+from vibroswarm.inference.replay import infer
 from vibroswarm.localisation.locate import is_estimated, place_frame
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.pose import poses_of
@@ -82,7 +82,7 @@ def simulate(
         motions = moved(motion, scenario, seed, chosen, moves or poses, progress)
     observations = observe(scenario, seed, motions.samples, floors, energies=energies)
     timeline = timeline_of(scenario, motions)
-    inference, finals, reports = infer_and_report(scenario, seed, timeline, observations)
+    inference, finals, reports = infer(scenario, seed, timeline, observations)
     places = places_of(scenario, seed, timeline)
     made = result_of(
         scenario, seed, floors, motions, observations, inference, finals, motion, places, reports
@@ -156,7 +156,7 @@ def replay(result: Result, scenario: Scenario) -> Result:
         energies = observations["energy"].null_count() < observations.height
         observations = observe(scenario, seed, result.motion, floors, energies=energies)
     timeline = timeline_of(scenario, motion)
-    inference, finals, reports = infer_and_report(scenario, seed, timeline, observations)
+    inference, finals, reports = infer(scenario, seed, timeline, observations)
     places = places_of(scenario, seed, timeline)
     made = result_of(
         scenario, seed, floors, motion, observations, inference, finals, result.source, places, reports
@@ -176,13 +176,7 @@ MAX_RUNS = 100_000_000
 
 
 def check_runs(seed: int, runs: int | Iterable[int]) -> list[int]:
-    """Check seed and runs as given to ``simulate``, and return the run numbers as a sorted list.
-
-    Args:
-        runs: number of runs (1 or more), or distinct run numbers; NumPy integers are accepted.
-    Raises:
-        InputError: the seed or a run number is out of range, a run is given twice, or no run is given.
-    """
+    """Check seed and runs as given to ``simulate``, and return the run numbers as a sorted list."""
     check_seed(seed)
     # A number of runs. Texts and floats come here too, so that ``whole_number_of`` refuses them with a clear message.
     if isinstance(runs, str | bytes | float) or not isinstance(runs, Iterable):
@@ -195,20 +189,12 @@ def check_runs(seed: int, runs: int | Iterable[int]) -> list[int]:
 
 
 def check_seed(seed: int) -> int:
-    """Check a seed, and return it as a Python integer.
-
-    Raises:
-        InputError: it is not a whole number in [0, 2^63).
-    """
+    """Check a seed, and return it as a Python integer."""
     return whole_number_of(seed, "seed", 0, SEED_LIMIT - 1)
 
 
 def check_scenario(scenario: object) -> None:
-    """Refuse what is not a ``Scenario``, and scenarios that need a user's code file that is not loaded.
-
-    Raises:
-        InputError: ``scenario`` is of another type (such as the name of a preset), or such code is not loaded.
-    """
+    """Refuse what is not a ``Scenario``, and scenarios that need a user's code file that is not loaded."""
     if not isinstance(scenario, Scenario):
         raise InputError(
             f"{shown(scenario)} is not a Scenario; make one with preset('paper') or Scenario.read(file)",
@@ -217,10 +203,7 @@ def check_scenario(scenario: object) -> None:
 
 
 def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, Floor]:
-    """Return the floor of each run, with its changes, by run number.
-
-    If floors or changes are drawn for each run, each run has its own; else all runs share one object, that of run 0.
-    """
+    """Return the floor of each run, by run number; one object for all unless floors are drawn for each run."""
     if scenario.floors_differ:
         return {run: scenario.floor_for(seed, run) for run in runs}
     return dict.fromkeys(runs, scenario.floor_for(seed, 0))
@@ -243,13 +226,7 @@ def result_of(
     places: pl.DataFrame | None = None,
     reports: pl.DataFrame | None = None,
 ) -> Result:
-    """Assemble the tables of motion, observation and inference into a result; compute the outcomes of robots and runs.
-
-    Args:
-        floors: the floor of each run, by run number. finals: final state of each robot (``inference.agents.FINALS``).
-            source_name: name of the source of motion.
-        places: where robots believe they sampled, if they estimate it. reports: what they report, if anything.
-    """
+    """Assemble all tables into a result, and compute the outcomes of robots and runs."""
     robots, of_runs = outcome_tables(scenario, floors, finals, motion.ends)
     return Result(
         scenario=scenario,
@@ -286,10 +263,7 @@ def versions() -> dict[str, str]:
 
 
 def _architecture() -> str:
-    """Return the architecture of the processor, and the vector instructions of NumPy's exp.
-
-    With other instructions its exp, log and powers have other last bits.
-    """
+    """Return processor and vector instructions of NumPy's exp, on which last bits depend."""
     try:
         from numpy.lib.introspect import opt_func_info
     except ImportError:  # NumPy before 2.1

@@ -17,7 +17,7 @@ from vibroswarm.inference.replay import advance, classes_and_values, replayer_of
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.pose import pose
 from vibroswarm.networks import tree
-from vibroswarm.networks.loss_by_size import share_lost
+from vibroswarm.networks.loss import share_lost
 from vibroswarm.paper.columns import published
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -128,7 +128,7 @@ def test_delays_are_fixed_and_exponential() -> None:
 def test_loss_by_size_is_the_fit_of_the_published_shares() -> None:
     from scipy.optimize import curve_fit
 
-    from vibroswarm.networks.loss_by_size import LARGE, NO_LOSS, SCALE
+    from vibroswarm.networks.loss import LARGE, NO_LOSS, SCALE
 
     n = np.arange(5, 11)
     shares = np.array(published("experiments.packet_loss_percent")) / 100 * n / (n - 1)

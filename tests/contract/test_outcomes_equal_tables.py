@@ -92,7 +92,7 @@ def test_searches_judge_as_tables_do(strategy: str, revise: bool, stop: str) -> 
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
 
 
-@pytest.mark.parametrize("strategy", ["none", "totals", "dmvd"])  # with each sample, in turn, and by a timer
+@pytest.mark.parametrize("strategy", ["none", "mcp", "dmvd"])  # with each sample, in turn, and by a timer
 def test_messages_are_counted_to_the_end_of_the_run(strategy: str) -> None:
     values = {"strategy.name": strategy, "decision.min_observations": 30, "run.t_end_s": 200.0}
     scenario = preset("paper").with_values(values)

@@ -83,7 +83,7 @@ def test_no_run_depends_on_functions_that_round_by_the_processor() -> None:
         for name in [name_of(source)]
     }
     # Nodes from linear algebra are rounded there.
-    assert found == {"core/quadrature.py": {"polynomial"}}
+    assert found == {"core/elementary.py": {"polynomial"}}
 
 
 def name_of(source: Path) -> str:

@@ -12,7 +12,7 @@ from scipy import stats
 from vibroswarm import Result, Scenario, preset, simulate
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.inference.deliveries import timeline_of
-from vibroswarm.inference.replay import infer_and_report
+from vibroswarm.inference.replay import infer
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.observation.energy_model import likelihood_at
 from vibroswarm.scenario.fields import Sensor
@@ -86,7 +86,7 @@ def test_wrong_robots_reason_like_right_ones_with_the_sensor_that_they_claim() -
 
 def reports(scenario: Scenario, result: Result) -> Any:
     """What robots report of their maps if they replay the readings of a result under another scenario."""
-    found = infer_and_report(scenario, 4, timeline(scenario, result), result.observations)[2]
+    found = infer(scenario, 4, timeline(scenario, result), result.observations)[2]
     assert found is not None
     return found["value"].to_numpy()
 

@@ -26,9 +26,9 @@ from vibroswarm.strategies.world import Draws, Reading, u
 
 WORLD = world_of(preset("paper"), 6000)
 DRAWS = Draws(1, 0, 0, 6, 0, 0, 0, -1.0)
-OF_FILES = ("dbbs", "three_valued", "asdf", "bayes_cpf")
-NAMES = ("totals", "mcp", "bayes_bots", "dc", "dmvd", "dmmd", *OF_FILES)
-dbbs, three_valued, asdf, bayes_cpf = map(module_of, OF_FILES)
+OF_FILES = ("dbbs", "three_valued", "asdf", "bayes_cpf", "totals")
+NAMES = ("mcp", "bayes_bots", "dc", "dmvd", "dmmd", *OF_FILES)
+dbbs, three_valued, asdf, bayes_cpf, _ = map(module_of, OF_FILES)
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from helpers.motion_runs import Taken
-from vibroswarm.inference.closed_loop import ClosedLoop
-from vibroswarm.inference.motion_feedback import steer_on, steerable
+from vibroswarm.inference.closed_loop import ClosedLoop, steer_on, steerable
 from vibroswarm.motion.source import started
 from vibroswarm.observation.observe import sensed_floors
 from vibroswarm.result import Result

@@ -16,6 +16,7 @@ FOLDERS = {
     "distrust": "strategies",
     "field": "strategies",
     "three_valued": "papers/crosscombe-2017",
+    "totals": "strategies",
 }
 """Their folders, by name."""
 

@@ -13,13 +13,13 @@ from scipy.special import logit
 
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import infer
-from vibroswarm.localisation.locate import locate
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.source import moved as motion_of
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import floors_of, simulate
+from vibroswarm.simulation import places_of as located
 from vibroswarm.statistics.map_figures import floor_maps, maps_over_time
 
 SEED, RUNS = 20_261, 24
@@ -35,8 +35,10 @@ def moved() -> Motion:
 @cache
 def places_of(**values: Any) -> pl.DataFrame:
     """Places with the true ones of the samples that they are of."""
-    places = locate(
-        GOOD.with_values({name.replace("__", "."): v for name, v in values.items()}), SEED, moved()
+    places = located(
+        GOOD.with_values({name.replace("__", "."): v for name, v in values.items()}),
+        SEED,
+        timeline_of(GOOD, moved()),
     )
     true = moved().samples.select("run", "robot", pl.col("sample").alias("lagged_sample"), "x_m", "y_m")
     return places.join(true, on=["run", "robot", "lagged_sample"], how="left", suffix="_true")
@@ -73,9 +75,9 @@ def test_starts_are_told_with_an_error_in_each_direction() -> None:
 
 
 def test_each_robot_is_located_with_its_own_ray() -> None:
-    own = locate(GOOD.with_values({"rays.forward_each_m": (0.0, 0.05)}), SEED, moved())
+    own = located(GOOD.with_values({"rays.forward_each_m": (0.0, 0.05)}), SEED, timeline_of(GOOD, moved()))
     for k, forward_m in enumerate((0.0, 0.05)):
-        alike = locate(GOOD.with_values({"rays.forward_m": forward_m}), SEED, moved())
+        alike = located(GOOD.with_values({"rays.forward_m": forward_m}), SEED, timeline_of(GOOD, moved()))
         rows = pl.col("robot") % 2 == k
         assert own.filter(rows).equals(alike.filter(rows))
 
@@ -92,7 +94,8 @@ def test_places_of_a_run_depend_on_no_other_run() -> None:
         *(table.filter(pl.col("run") == 3) for table in (moved().samples, moved().ends)),
         moved().moves.filter(pl.col("run") == 3),  # type: ignore[union-attr]
     )
-    assert locate(GOOD, SEED, one).equals(locate(GOOD, SEED, moved()).filter(pl.col("run") == 3))
+    among = located(GOOD, SEED, timeline_of(GOOD, moved()))
+    assert located(GOOD, SEED, timeline_of(GOOD, one)).equals(among.filter(pl.col("run") == 3))
 
 
 def decided(scenario: Scenario, timeline: Timeline) -> tuple[float, float]:

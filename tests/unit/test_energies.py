@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
-from vibroswarm.observation.measured_csv import read_energies
+from vibroswarm.sensors.energies import read_energies
 
 
 def test_kinds_and_energies(tmp_path):

@@ -80,7 +80,7 @@ def league(
     examples:
       vibroswarm league --runs 1000
       vibroswarm league --strategy none,soft --vary none:decision.credible_threshold=0.8,0.9,0.95 --out out/league
-      vibroswarm league --strategy soft,totals,mine.py:mine --settings frozen.toml --robots 5,10,20 --by robots
+      vibroswarm league --strategy soft,mcp,mine.py:mine --settings frozen.toml --robots 5,10,20 --by robots
       vibroswarm league --own-motion --runs 300 --out out/own-motion
       vibroswarm league --shares 0.4,0.36,0.24
     """

@@ -50,16 +50,7 @@ def check_free(path: Path, *, replace: bool = False) -> None:
 
 @contextmanager
 def whole_file(path: str | Path, *, replace: bool = True) -> Iterator[Path]:
-    """Yield the path of a new file beside ``path``; after the ``with`` block, rename the file to ``path``.
-
-    The new file has the suffix of ``path``, by which some libraries choose the format. If the block raises an error,
-    the new file is removed and ``path`` stays as it was.
-
-    Args:
-        replace: whether an existing file at ``path`` may be replaced; checked before the block only.
-    Raises:
-        InputError: ``path`` is no file, or exists and ``replace`` is false. RunError: it cannot be written.
-    """
+    """Yield the path of a new file beside ``path``; after the ``with`` block, rename the file to ``path``."""
     check_free(Path(path), replace=replace)
     with _renamed(_beside(Path(path)), Path(path)) as part:
         yield part
@@ -79,11 +70,7 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those in which it lies, unless it exists.
-
-    Raises:
-        InputError: it cannot be made there, or not be written to.
-    """
+    """Make a folder, and those in which it lies, unless it exists."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -92,15 +79,7 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def whole_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -> Iterator[Path]:
-    """Yield a new empty folder beside ``path``; after the ``with`` block, rename the folder to ``path``.
-
-    If the block raises an error, the new folder is removed and ``path`` stays as it was.
-
-    Args:
-        replace, marker: as of ``check_folder``.
-    Raises:
-        InputError: ``path`` exists and may not be replaced. RunError: it cannot be written.
-    """
+    """Yield a new empty folder beside ``path``; after the ``with`` block, rename the folder to ``path``."""
     check_folder(path, replace=replace, marker=marker)
     part = _beside(path)
     make_folder(part)
@@ -109,15 +88,12 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -
 
 
 def check_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -> None:
-    """Refuse a folder that is to be written if it exists and may not be replaced, or cannot be written.
-
-    Args:
-        path: the folder. An existing empty folder is accepted.
-        replace: whether an existing folder may be replaced, if it holds ``marker`` or a file of ``OURS``.
-    Raises:
-        InputError: the folder is refused.
-    """
-    check_writable(path)
+    """Refuse a folder that is to be written if it exists and may not be replaced, or cannot be written."""
+    nearest = next((place for place in (path, *path.parents) if place.exists()), Path())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(
+            f"cannot be made: '{nearest}' is not a folder that you may write to", field=str(path)
+        )
     if not path.exists() or not any(path.iterdir()):
         return
     if not replace:
@@ -125,12 +101,3 @@ def check_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -
     is_ours = any((path / name).exists() for name in (marker, *OURS))
     if not is_ours or Path.cwd().is_relative_to(path.resolve()):
         raise InputError("is no result of vibroswarm, or the working folder: not replaced", field=str(path))
-
-
-def check_writable(path: Path) -> None:
-    """Refuse a folder that cannot be made or written to: a file is in its way, or the user may not write there."""
-    nearest = next((place for place in (path, *path.parents) if place.exists()), Path())
-    if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
-        raise InputError(
-            f"cannot be made: '{nearest}' is not a folder that you may write to", field=str(path)
-        )

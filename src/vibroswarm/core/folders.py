@@ -48,8 +48,6 @@ KINDS: Final = {
     "document": "what a command printed",
 }
 """Kinds of manifests, in words."""
-DAMAGED: Final = "is damaged, not what was written"
-"""Beginning of messages about files that were changed."""
 
 
 def manifest_text(kind: str, **values: Any) -> str:
@@ -60,14 +58,7 @@ def manifest_text(kind: str, **values: Any) -> str:
 
 
 def read_manifest(path: Path, *kinds: str) -> dict[str, Any]:
-    """Read a manifest; return its values, which are those that ``manifest_text`` was given.
-
-    Args:
-        path: folder, or file of a description. kinds: those that are expected, the first of which names the others in
-            errors; any if none is given.
-    Raises:
-        InputError: there is no manifest, or it is damaged, of another format or of another kind.
-    """
+    """Read a manifest; return its values, which are those that ``manifest_text`` was given."""
     file = path if path.suffix == ".json" and not path.is_dir() else path / MANIFEST
     if not file.exists():
         expected = KINDS[kinds[0]] if kinds else "a folder"
@@ -80,14 +71,9 @@ def read_manifest(path: Path, *kinds: str) -> dict[str, Any]:
     return values  # type: ignore[no-any-return]
 
 
-def has_manifest(folder: Path) -> bool:
-    """Return whether a folder has a manifest, readable or not."""
-    return (folder / MANIFEST).exists()
-
-
 def kind_of(folder: Path) -> str | None:
     """Return the kind of a folder; None if it has no manifest."""
-    return str(read_manifest(folder)["kind"]) if has_manifest(folder) else None
+    return str(read_manifest(folder)["kind"]) if (folder / MANIFEST).exists() else None
 
 
 def about_file(data: bytes) -> dict[str, Any]:
@@ -96,13 +82,7 @@ def about_file(data: bytes) -> dict[str, Any]:
 
 
 def check_files(values: Mapping[str, Any], path: Path) -> dict[str, Path]:
-    """Check the SHA-256 of the files that a manifest names, which lie beside it; return their paths, by table.
-
-    Args:
-        values: of the manifest. path: of the manifest, or the folder whose manifest it is.
-    Raises:
-        InputError: a file is missing, elsewhere or damaged.
-    """
+    """Check the SHA-256 of the files that a manifest names, which lie beside it; return their paths, by table."""
     folder = path if path.is_dir() else path.parent
     files: dict[str, Path] = {}
     for name, about in values.get("files", {}).items():
@@ -111,7 +91,7 @@ def check_files(values: Mapping[str, Any], path: Path) -> dict[str, Path]:
             raise InputError("is missing", field=str(file))
         with file.open("rb") as stream:
             if hashlib.file_digest(stream, "sha256").hexdigest() != about["sha256"]:
-                raise InputError(DAMAGED, field=str(file))
+                raise InputError("is damaged, not what was written", field=str(file))
         # The file of a table has its name, unless the description says another table.
         files[about.get("table", file.stem)] = file
     return files

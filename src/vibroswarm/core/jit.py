@@ -16,7 +16,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import cache, wraps
 from hashlib import sha256
 from importlib.util import find_spec
@@ -52,22 +52,17 @@ UNUSED_DAYS: Final = 30
 
 @cache
 def source_hash() -> str:
-    """Return a hash of all sources that a simulation may depend on, 16 hexadecimal digits."""
-    return hash_of_files(PACKAGE, simulation_sources())
+    """Return a hash of all sources that a simulation may depend on, and of their names, 16 hexadecimal digits."""
+    digest = sha256()
+    for file in simulation_sources():
+        digest.update(file.relative_to(PACKAGE).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
 
 
 def simulation_sources() -> list[Path]:
     """Return all source files that a simulation may depend on, sorted by path."""
     files = sorted(PACKAGE.rglob("*.py"))
     return [file for file in files if file.relative_to(PACKAGE).parts[0] not in LAYERS_ABOVE]
-
-
-def hash_of_files(folder: Path, files: Iterable[Path]) -> str:
-    """Return a hash (16 hexadecimal digits) of the contents of files, and of their names in a folder."""
-    digest = sha256()
-    for file in files:
-        digest.update(file.relative_to(folder).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
 
 
 @cache
@@ -113,11 +108,6 @@ def is_cached(*sources: str) -> bool:
         (folder.rglob(f"{ENGINES.get(name, name)}.*.nbc") for name in sources or ENGINES) if folder else ()
     )
     return not COMPILES or any(map(any, found))
-
-
-def compiles() -> bool:
-    """Return whether kernels are compiled, rather than run as plain Python."""
-    return COMPILES
 
 
 def generated(name: str, text: str, *, is_saved: bool = True) -> ModuleType:
@@ -383,19 +373,12 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def inlined_uncached(function: Callable[P, R], boundscheck: bool = False) -> Callable[P, R]:
-    """Compile as ``inlined`` does, for the functions of a strategy or network.
-
-    Args:
-        boundscheck: whether an index beyond an array raises an IndexError; without it, it reads or spoils other memory.
-    """
+    """Compile as ``inlined`` does, for the functions of a strategy or network."""
     return _declare(function, "Hook", _nrt=False, forceinline=True, boundscheck=boundscheck)  # type: ignore[no-any-return]
 
 
 def entry_for(kernel: Callable[P, R], *arguments: P.args, **none: P.kwargs) -> Callable[P, R]:
-    """Compile a kernel for the types of these arguments; return a function that calls it without Numba's dispatch.
-
-    Dispatch takes some 0.1 microseconds per array. Callers must pass arguments of exactly these types.
-    """
+    """Compile a kernel for exactly these types; return what calls it without Numba's dispatch, 0.1 us an array."""
     del none  # type checkers require P.kwargs where P.args is used
     key: Any = (kernel, *map(_type_key, arguments))
     if COMPILES and key not in _entries:
@@ -431,10 +414,7 @@ def zero_rows(count: int | tuple[int, ...], dtype: np.dtype[np.void]) -> NDArray
 
 
 def read_only(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only view of an array, to be passed to kernels that only read it.
-
-    Numba treats read-only and writable arrays as two types, so a kernel that gets both would be compiled twice.
-    """
+    """Return a read-only view: Numba takes read-only and writable arrays as two types, and would compile twice."""
     view = values.view()
     view.flags.writeable = False
     return view

@@ -35,16 +35,7 @@ def is_missing(value: object) -> bool:
 
 
 def decimals_of(values: Iterable[float | None], digits: int = DIGITS) -> int | None:
-    """Return with how many decimals numbers that stand together are written.
-
-    Whole numbers have none. Otherwise the largest gets ``digits`` significant digits, and zeros at the end that all
-    have in common are dropped.
-
-    Args:
-        values: None and numbers that are not finite do not count.
-    Returns: None if no number of decimals suits all: the largest is below 1e-4 or at least 1e12, or the smallest above
-        0 would be written as 0. Then each number is written with decimals of its own.
-    """
+    """Return with how many decimals numbers that stand together are written."""
     sizes = [abs(float(value)) for value in values if value is not None and math.isfinite(value)]
     if all(size.is_integer() for size in sizes):  # also if there are no sizes
         return 0
@@ -71,12 +62,7 @@ def few_decimals_of(values: Iterable[float | None]) -> int:
 def number(
     value: float | None, decimals: int | None = None, *, digits: int = DIGITS, sign: bool = False
 ) -> str:
-    """Write a number; one that is missing becomes a hyphen.
-
-    Args:
-        decimals: None: as many as the number needs to have ``digits`` significant digits.
-        sign: whether a positive number has a plus sign.
-    """
+    """Write a number; one that is missing becomes a hyphen."""
     if value is None or is_missing(value):
         return MISSING
     if math.isinf(value):
@@ -111,11 +97,7 @@ def whole(n: float) -> str:
 def percent(
     share: float | None, decimals: int | None = 1, *, digits: int = DIGITS, sign: bool = False
 ) -> str:
-    """Write a share from 0 to 1 in percent, with its sign for percent.
-
-    Args:
-        decimals: None: as many as the number needs to have ``digits`` significant digits.
-    """
+    """Write a share from 0 to 1 in percent, with its sign for percent."""
     if share is None or is_missing(share):
         return MISSING
     return f"{number(100 * share, decimals, digits=digits, sign=sign)} %"
@@ -127,14 +109,7 @@ def stated_percent(share: float | None) -> str:
 
 
 def with_limits(interval: Any, unit: str = "", decimals: int | None = None, *, sign: bool = False) -> str:
-    """Write an estimate, its unit and its limits: ``441 s [410, 472]``; limits that are unknown are left out.
-
-    Args:
-        unit: empty: none; "%": estimate and limits are shares, written in percent; "points": likewise, of differences
-            of shares.
-        interval: with ``estimate``, ``low`` and ``high``. decimals: None: as many as suit all three numbers. 0: see
-            ``few_decimals_of``.
-    """
+    """Write an estimate, its unit and its limits: ``441 s [410, 472]``; limits that are unknown are left out."""
     values = [interval.estimate, interval.low, interval.high]
     if unit in ("%", "points"):
         values = [100 * value for value in values]
@@ -208,11 +183,7 @@ def counts(numbers: Iterable[int], thing: str) -> str:
 
 
 def listed(words: Iterable[str], word: str = "and") -> str:
-    """Join words as a sentence does: ``a``, ``a and b``, ``a, b and c``; with semicolons if one has a comma itself.
-
-    Args:
-        word: what stands before the last one.
-    """
+    """Join words as a sentence does: ``a``, ``a and b``, ``a, b and c``; with semicolons if one has a comma itself."""
     *first, last = words
     if not first:
         return last

@@ -9,13 +9,7 @@ from vibroswarm.errors import InputError
 
 
 def needed(library: str, extra: str, what: str) -> Any:
-    """Import a library of an extra of this package.
-
-    Args:
-        library: its module. extra: extra of this package that installs it. what: field or option that needs it.
-    Raises:
-        InputError: it is not installed; the message names ``what``.
-    """
+    """Import a library of an extra of this package."""
     try:
         return importlib.import_module(library)
     except ImportError:

@@ -5,31 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Final, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from vibroswarm.errors import InputError, nearest, shown
 
-
-class Named(Protocol):
-    """An object with a name."""
-
-    @property
-    def name(self) -> str:
-        """The name under which it is registered."""
-
-
-T = TypeVar("T", bound=Named)
+T = TypeVar("T", bound=Any)
+"""Objects with a ``name``."""
 
 REGISTERED: Final = re.compile(r"= register\(\s*\w+\(\s*(?:__name__,\s*)?(?:name=)?\"(\w+)\"")
 """How a file of this package registers an object, with its name."""
 
 
 def unknown(kind: str, name: object, known: Iterable[str], field: str) -> InputError:
-    """Return the error that no object of a kind has this name; it suggests a similar name and lists all.
-
-    Args:
-        kind: in words. name: the name. known: names of all objects of the kind. field: the setting with the name.
-    """
+    """Return the error that no object of a kind has this name; it suggests a similar name and lists all."""
     import multiprocessing  # here, since --help needs none of it
 
     known = list(known)
@@ -43,49 +31,29 @@ def unknown(kind: str, name: object, known: Iterable[str], field: str) -> InputE
 
 
 def written_names(folder: str, suffix: str = ".py") -> list[str]:
-    """Return the names that the files of a folder of this package register, sorted, without importing them.
-
-    Importing strategies takes half a second, which a command's help cannot wait for; a test compares the names.
-
-    Args:
-        folder: from the package's root, such as "strategies". suffix: ".toml" if each file is named after its object.
-    """
+    """Return the sorted names that files of a folder of this package register; importing these would be slow."""
     files = (Path(__file__).parents[1] / folder).glob(f"*{suffix}")
     if suffix != ".py":
         return sorted(file.stem for file in files)
     return sorted(name for file in files for name in REGISTERED.findall(file.read_text(encoding="utf-8")))
 
 
-def other_name(registered: Named) -> str:
-    """Return what to do if a registered object has the name of a new one, for error messages."""
-    forget = f"{type(registered).__module__}.forget('{registered.name}')"
-    return f"give yours another name, or call {forget} before if it is an earlier one of yours"
-
-
 class Registry(Generic[T]):
-    """The registered objects of one kind.
-
-    Args:
-        kind: what the objects are, in words for error messages: "strategy".
-        field: the setting that selects an object by name, for error messages.
-    """
+    """The registered objects of one kind, and the setting that selects one, for messages."""
 
     def __init__(self, kind: str, field: str) -> None:
         self.kind, self.field = kind, field
         self._known: dict[str, T] = {}
 
     def register(self, one: T) -> T:
-        """Register an object under its name; return the object that is registered under this name from now on.
-
-        If an equal object is registered already, that object stays and is returned.
-
-        Raises:
-            InputError: a different object has the name.
-        """
+        """Register an object under its name; return it, or an equal one that is registered already."""
         registered = self._known.setdefault(one.name, one)
         if registered != one:
+            forget = f"{type(registered).__module__}.forget('{registered.name}')"
             raise InputError(
-                f"there is a {self.kind} '{one.name}' already; {other_name(registered)}", field="name"
+                f"there is a {self.kind} '{one.name}' already; give yours another name, or call {forget} before if it "
+                "is an earlier one of yours",
+                field="name",
             )
         return registered
 
@@ -102,11 +70,7 @@ class Registry(Generic[T]):
         return self._known
 
     def get(self, name: str) -> T:
-        """Return the object registered under ``name``.
-
-        Raises:
-            InputError: the name is not registered; the message suggests a similar one and lists all.
-        """
+        """Return the object registered under ``name``."""
         if not isinstance(name, str) or name not in self._known:
             raise unknown(self.kind, name, self._known, self.field)
         return self._known[name]

@@ -103,11 +103,7 @@ _SCALE: Final = 2.0**-52
 
 @inlined
 def philox4x32(c0: int, c1: int, c2: int, c3: int, k0: int, k1: int) -> tuple[int, int, int, int]:
-    """Return the four pseudo-random 32-bit words of Philox4x32-10 for a counter and a key.
-
-    Args:
-        c0, c1, c2, c3: counter, 32 bits each. k0, k1: key, 32 bits each. All arithmetic is unsigned with 64 bits.
-    """
+    """Return the four pseudo-random 32-bit words of Philox4x32-10 for a counter and a key."""
     low = np.uint64(_LOW)
     shift = np.uint64(32)
     a, b, c, d = np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3)
@@ -133,20 +129,13 @@ def inlined_uniform(seed: int, run: int, robot: int, purpose: int, index: int, p
 
 @kernel
 def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
-    """Return the uniform number in (0, 1) at this address; see the module's text for what each part means.
-
-    Args:
-        seed: in [0, 2^63). run, index, peer: in [0, 2^32). robot: in [0, 2^16). purpose: a ``Purpose``.
-    """
+    """Return the uniform number in (0, 1) at this address; see the module's text for what each part means."""
     return inlined_uniform(seed, run, robot, purpose, index, peer)
 
 
 @inner
 def normal(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
-    """Return the standard normal number at an address of random numbers.
-
-    It is computed by Box and Muller's formula from the uniform numbers at ``peer`` and ``peer + 1``.
-    """
+    """Return the standard normal number (Box and Muller) of the uniform numbers at ``peer`` and ``peer + 1``."""
     radius = math.sqrt(-2.0 * math.log(uniform(seed, run, robot, purpose, index, peer)))
     return radius * math.cos(2.0 * math.pi * uniform(seed, run, robot, purpose, index, peer + 1))
 
@@ -155,10 +144,7 @@ def normal(seed: int, run: int, robot: int, purpose: int, index: int, peer: int)
 def fill_uniform(
     out: NDArray[np.float64], seed: int, run: int, robot: int, purpose: int, first: int, peer: int
 ) -> None:
-    """Write the uniform numbers at the indices first, first + 1, ... into ``out``, made several at a time, in vectors.
-
-    It is not inlined: with a length that is known, LLVM would write out the loop instead.
-    """
+    """Write the uniform numbers at first, first + 1, ...; not inlined: LLVM would unroll a known length."""
     for i in range(out.size):
         out[i] = inlined_uniform(seed, run, robot, purpose, first + i, peer)
 
@@ -177,11 +163,7 @@ KEPT: Final = 1000
 
 
 def shuffled(count: int, seed: int, run: int) -> NDArray[np.int64]:
-    """Return a random permutation of 0..count-1 for the floor of ``run``, shape (count,), read-only.
-
-    Each of 0..count-1 gets a uniform number, by which they are sorted. Floors have no robot; their numbers use robot 0.
-    The permutations used last are kept: all candidates of a search see the same floors.
-    """
+    """Return a random permutation of 0..count-1 for the floor of ``run``, read-only; the last ones are cached."""
     return _kept(count, seed, run) if count <= KEPT else _shuffled(count, seed, run)
 
 

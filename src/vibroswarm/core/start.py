@@ -6,18 +6,9 @@ Whatever this file imports at its top must have been loaded by Python itself: th
 import os
 import sys
 
-PROGRAM = "vibroswarm"
-
 
 def leave_working_folder_out(package: str) -> None:
-    """Take the working folder off the search path where ``python -m vibroswarm`` has put it.
-
-    Otherwise a file such as ``numpy.py`` in a folder of somebody else's data would be executed. The folder stays if
-    this package itself was found in it, and for other programs, which may need modules of their own from there.
-
-    Args:
-        package: the folder of this package.
-    """
+    """Take the working folder off the search path where ``python -m vibroswarm`` has put it."""
     if sys.flags.safe_path or not _is_run_as_module():
         return
     try:
@@ -35,4 +26,4 @@ def _is_run_as_module() -> bool:
         return False
     word = sys.orig_argv[-len(sys.argv)]  # before the arguments: the name, or with its option, "-mNAME"
     module = word.partition("m")[2] if word.startswith("-") else word
-    return module.partition(".")[0] == PROGRAM
+    return module.partition(".")[0] == "vibroswarm"

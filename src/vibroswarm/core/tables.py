@@ -1,4 +1,4 @@
-"""Checks of tables from any source, and CSV that is safe to open in a spreadsheet.
+"""Parquet files of tables, and CSV that is safe to open in a spreadsheet.
 
 A spreadsheet takes a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return for a formula and
 runs it, although the text may come from a stranger: a label, a file name, a message. ``escaped`` puts an apostrophe
@@ -8,10 +8,8 @@ before such texts, by which spreadsheets mark a text. Texts that are numbers ("-
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import polars as pl
 
@@ -22,39 +20,8 @@ MAX_BYTES: Final = 64 * 2**30
 """Size limit of a table's file."""
 
 
-@dataclass(frozen=True)
-class Schema:
-    """Columns, types and keys of a table."""
-
-    columns: Mapping[str, Any]
-    """Name to type of each column."""
-    nullable: frozenset[str] = frozenset()
-    """Names of the columns that may be null."""
-    key: tuple[str, ...] = ()
-    """Names of the columns that together identify a row; empty: rows may repeat."""
-    further: Any = None
-    """Type of further columns, of any name, which may be null; None: there are no others."""
-
-
-def read_table(path: Path, schema: Schema, what: str) -> pl.DataFrame:
-    """Read a table from a Parquet file and check it; return it with its columns in the order of the schema.
-
-    Args:
-        what: name of the table, for errors.
-    Raises:
-        InputError: the file is not a regular Parquet file, or the table does not pass ``check_table``.
-    """
-    return check_table(read_frame(path, what), schema, str(path), what)
-
-
 def read_frame(path: Path, what: str) -> pl.DataFrame:
-    """Read a Parquet file, whatever its columns.
-
-    Args:
-        what: name of the table, for errors.
-    Raises:
-        InputError: the file is missing, larger than MAX_BYTES, or not a complete Parquet file.
-    """
+    """Read a Parquet file, whatever its columns."""
     check_plain(path, MAX_BYTES, f"the table '{what}'")
     try:
         return pl.read_parquet(path, glob=False)  # a * in the path is part of the file's name, not a pattern
@@ -69,32 +36,6 @@ def parquet_bytes(frame: pl.DataFrame, metadata: dict[str, str] | None = None) -
     return stream.getvalue()
 
 
-def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl.DataFrame:
-    """Check that a frame conforms to a schema; return it with its columns in the order of the schema.
-
-    Args:
-        name: name of the file, for errors. what: name of the table, for errors.
-    Raises:
-        InputError: columns are missing, unexpected or of the wrong type; a value is missing or NaN; or two rows have
-            the same key.
-    """
-    found = frame.schema
-    for column, kind in schema.columns.items():
-        if found.get(column) != kind:
-            is_there = found.get(column, "missing")
-            raise InputError(f"column '{column}' of the table '{what}' is {is_there}, not {kind}", field=name)
-        values = frame[column]
-        has_gaps = values.null_count() > 0 or (values.dtype.is_float() and values.is_nan().any())
-        if has_gaps and column not in schema.nullable:
-            raise InputError(f"column '{column}' of the table '{what}' lacks a value", field=name)
-    others = [column for column in found if column not in schema.columns]
-    if any(found[column] != schema.further for column in others):
-        raise InputError(f"the table '{what}' has no column '{others[0]}'", field=name)
-    if schema.key and frame.select(schema.key).is_duplicated().any():
-        raise InputError(f"the table '{what}' has two rows of one {', '.join(schema.key)}", field=name)
-    return frame.select([*schema.columns, *others])
-
-
 _FORMULA: Final = r"^'*[=+\-@\t\r]"
 """Texts that get an apostrophe: formulas, and formulas with apostrophes before them."""
 _NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
@@ -103,24 +44,17 @@ _NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 def csv_bytes(frame: pl.DataFrame) -> bytes:
     """Return a frame as CSV in UTF-8, with texts and column names as ``escaped`` returns them, and lists as text."""
-    # polars holds valid UTF-8 only, so that "replace" has nothing to replace.
-    return escaped(_without_nested_columns(frame)).write_csv().encode("utf-8", "replace")
-
-
-def _without_nested_columns(frame: pl.DataFrame) -> pl.DataFrame:
-    nested = [name for name, kind in frame.schema.items() if kind.is_nested()]
-    return frame.with_columns(
+    plain = frame.with_columns(
         pl.Series(name, [None if value is None else str(value) for value in frame[name].to_list()])
-        for name in nested
+        for name, kind in frame.schema.items()
+        if kind.is_nested()
     )
+    # polars holds valid UTF-8 only, so that "replace" has nothing to replace.
+    return escaped(plain).write_csv().encode("utf-8", "replace")
 
 
 def escaped(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the frame with an apostrophe before texts and column names that a spreadsheet would take for formulas.
-
-    Texts that are numbers stay as they are, and so does a single "-", which is no formula. A column name is judged by
-    its first character alone. Columns of an ``Enum`` or a ``Categorical`` become text columns.
-    """
+    """Return the frame with an apostrophe before texts and column names that a spreadsheet would take for formulas."""
     columns = []
     for name, kind in frame.schema.items():
         if kind in (pl.String, pl.Categorical, pl.Enum):

@@ -10,8 +10,5 @@ ROUNDING: Final = 1e-6
 
 
 def tick_at(time_s: float, tick_ms: int) -> int:
-    """Return the first tick at or after a time, which is the number of ticks that begin before that time.
-
-    A tick up to ``ROUNDING`` ticks before the time counts as at the time.
-    """
+    """Return the first tick at or after a time; one up to ``ROUNDING`` ticks before it counts as at the time."""
     return math.ceil(time_s * 1000.0 / tick_ms - ROUNDING)

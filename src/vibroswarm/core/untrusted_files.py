@@ -14,13 +14,7 @@ MAX_TEXT: Final = 64 * 2**20
 
 
 def check_plain(path: Path, most: int, what: str) -> None:
-    """Check that a file is a regular file of a limited size.
-
-    Args:
-        most: size limit, bytes. what: the kind of file expected, for errors: "a scenario".
-    Raises:
-        InputError: the file is missing, not a regular file, or too large.
-    """
+    """Check that a file is a regular file of a limited size."""
     if not path.is_file():
         raise InputError("cannot be read: there is no such file", field=str(path))
     if path.stat().st_size > most:
@@ -34,14 +28,7 @@ def read_bytes(path: Path, most: int, what: str) -> bytes:
 
 
 def read_text(path: Path, what: str, most: int = MAX_TEXT, *, filled: bool = False) -> str:
-    """Read a regular file of at most ``most`` bytes as UTF-8 text; ``what`` names the kind of file, for errors.
-
-    Args:
-        filled: whether to refuse a file without text: of a file that was cut off when it was written, all values would
-            be defaults.
-    Raises:
-        InputError: the file does not pass ``check_plain``, is not UTF-8 text, or has none.
-    """
+    """Read a regular file of at most ``most`` bytes as UTF-8 text; ``what`` names the kind of file, for errors."""
     try:
         text = read_bytes(path, most, what).decode("utf-8-sig")  # some editors write a byte order mark
     except UnicodeDecodeError:
@@ -52,11 +39,7 @@ def read_text(path: Path, what: str, most: int = MAX_TEXT, *, filled: bool = Fal
 
 
 def read_json(path: Path, what: str) -> Any:
-    """Read a JSON file and return its value; ``what`` names the kind of file, for errors.
-
-    Raises:
-        InputError: ``read_text`` refuses the file, or it is not JSON.
-    """
+    """Read a JSON file and return its value; ``what`` names the kind of file, for errors."""
     try:
         return json.loads(read_text(path, what))
     except json.JSONDecodeError as error:
@@ -64,11 +47,7 @@ def read_json(path: Path, what: str) -> Any:
 
 
 def parsed_toml(text: str, name: str) -> dict[str, Any]:
-    """Parse a TOML text and return its table; ``name`` is the name of its file, for errors.
-
-    Raises:
-        InputError: the text is not TOML.
-    """
+    """Parse a TOML text and return its table; ``name`` is the name of its file, for errors."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -20,14 +20,7 @@ TEXT: Final = "__text__"
 
 @contextmanager
 def errors_in(code: str, otherwise: str = "") -> Iterator[None]:
-    """Report an error that a user's file raises within the ``with`` block in one sentence, with file and line.
-
-    Args:
-        code: ``FILE.py:NAME``, with or without its folder; empty for code of this package, whose errors pass unchanged.
-        otherwise: the place that is named if no line of the file was being run; empty: the file.
-    Raises:
-        InputError: Numba cannot compile a function. CodeError: the file raised another error.
-    """
+    """Report an error that a user's file raises within the ``with`` block in one sentence, with file and line."""
     try:
         yield
     except (CodeError, InputError, RunError):  # these have a message for users already
@@ -83,11 +76,7 @@ def users_parts(*functions: Any) -> list[FunctionType | ModuleType]:
 
 
 def users_text(*functions: Any) -> str | None:
-    """Return the texts of all ``users_parts``, empty without any; None: their kernels must not be cached.
-
-    It is the text of a file that was loaded by name, or of all Python files beside that of a function. Kernels of a
-    function without a file are not cached, nor with values of a function around it: what these are may change.
-    """
+    """Return the texts of all ``users_parts``, empty without any; None: their kernels must not be cached."""
     names, texts, folders = list[str](), set[str](), set[Path]()
     for part in users_parts(*functions):
         if isinstance(part, ModuleType):

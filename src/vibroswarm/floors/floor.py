@@ -162,6 +162,8 @@ class Floor:
         """Yield the floor between its changes: the time from which it is so (s, 0 first), and a floor that stays."""
         floor = self.at(0.0)
         yield 0.0, floor
+        if not self.is_changing:
+            return
         times_s = self.changes.times_s
         first = np.searchsorted(self.changes.time_s, times_s).tolist()
         for time_s, which in zip(times_s.tolist(), pairwise([*first, None]), strict=True):

@@ -92,23 +92,12 @@ class Swarm(NamedTuple):
 
 
 def strategy_used(scenario: Scenario) -> Strategy:
-    """Return the scenario's strategy.
-
-    Raises:
-        InputError: it is a user's, and its file is not loaded.
-    """
+    """Return the scenario's strategy."""
     return strategy_of(scenario.strategy.name)
 
 
 def world_of(scenario: Scenario, counts: int) -> World:
-    """Return the world as robot 0 knows it (``strategies.world.World``).
-
-    Args:
-        counts: largest number of observations that a posterior may hold without its prior; it determines the size of
-            the table of beliefs.
-    Raises:
-        InputError: raised by ``readings_boundary`` or ``strategy_used``.
-    """
+    """Return the world as robot 0 knows it (``strategies.world.World``)."""
     decision, arena = scenario.decision, scenario.arena
     rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry_of(scenario)
     # With boundary_of = "readings" robots trust their readings, so the error rates that they assume are 0, unless the
@@ -159,10 +148,7 @@ def world_of(scenario: Scenario, counts: int) -> World:
 
 @inlined
 def world_of_robot(w: World, i: int) -> World:
-    """Return the world as robot ``i`` knows it: ``w`` with another ``robot``.
-
-    The fields are listed one by one, as compiled named tuples have no ``_replace``.
-    """
+    """Return ``w`` with another ``robot``; field by field, as compiled named tuples have no ``_replace``."""
     return World(
         i, w.robots, w.kinds, w.t_end_s, w.tick_s, w.tick_ms, w.width_m, w.height_m, w.rows, w.columns, w.tile_width_m,
         w.tile_height_m, w.left_m, w.bottom_m, w.decision_boundary, w.boundary, w.credible_threshold,
@@ -203,14 +189,7 @@ def arrays_fit(scenario: Scenario) -> int:
 
 
 def set_failures(swarm: Swarm, scenario: Scenario, seed: int, runs: NDArray[np.int64]) -> None:
-    """Write the faults of the robots to the rows of ``swarm.failures`` (``FAILURE``).
-
-    If the scenario has no faults, the rows stay as ``empty_swarm`` has set them.
-
-    Args:
-        swarm: changed in place. seed: seed of the runs. runs: run numbers of the swarm's runs, in the order of its
-            rows.
-    """
+    """Write the faults of the robots to the rows of ``swarm.failures`` (``FAILURE``)."""
     if not scenario.faults.kinds:
         return
     numbers: list[int] = runs.tolist()
@@ -218,26 +197,16 @@ def set_failures(swarm: Swarm, scenario: Scenario, seed: int, runs: NDArray[np.i
     # If each robot of a run has a fault, all opinions count.
     opinion_counts[~opinion_counts.any(axis=1)] = True
     swarm.failures["opposite_from_s"] = onset_s(scenario, seed, numbers, "opposite").ravel()
-    swarm.failures["silent_tick"] = silent_ticks(scenario, seed, numbers).ravel()
+    # Messages are sent and read at ticks, so the times are converted to ticks.
+    swarm.failures["silent_tick"] = [
+        NEVER_TICK if np.isinf(time_s) else tick_at(time_s, scenario.run.control_period_ms)
+        for time_s in onset_s(scenario, seed, numbers, "radio_dead").ravel().tolist()
+    ]
     swarm.failures["works"] = opinion_counts.ravel()
 
 
-def silent_ticks(scenario: Scenario, seed: int, runs: list[int]) -> NDArray[np.int64]:
-    """Return the tick from which each robot's radio is dead, (runs, robots); ``NEVER_TICK`` if it never is."""
-    from_s = onset_s(scenario, seed, runs, "radio_dead")
-    tick_ms = scenario.run.control_period_ms
-    # Messages are sent and read at ticks, so the times are converted to ticks.
-    ticks = [
-        NEVER_TICK if np.isinf(time_s) else tick_at(time_s, tick_ms) for time_s in from_s.ravel().tolist()
-    ]
-    return np.array(ticks, dtype=np.int64).reshape(from_s.shape)
-
-
 def sizes_of(scenario: Scenario) -> dict[str, int]:
-    """Return the numbers of robots, rows, columns and tiles, of kinds of tile and of classes of readings, by name.
-
-    The sizes of a strategy's or network's arrays are formulas of these numbers.
-    """
+    """Return the numbers of robots, rows, columns and tiles, of kinds of tile and of classes of readings, by name."""
     rows, columns = map(int, geometry_of(scenario)[:2])
     return {
         "robots": scenario.swarm.robots,
@@ -261,33 +230,20 @@ def begin_agent(row: Any) -> None:
 
 @inlined
 def begin_draws(seed: int, run: int, i: int) -> Draws:
-    """Return the address of the random numbers of the hook ``begin`` of robot ``i``.
-
-    The last two values are ``shift``, which is 0, as no other robot is part of the address, and ``first``, which is -1,
-    as the first random number has not been computed in advance.
-    """
+    """Return the address of the random numbers of the hook ``begin`` of robot ``i``."""
     return Draws(seed, run, i, BEGINNING, FIRST, ALONE, 0, -1.0)
 
 
 @inlined
 def sample_draws(seed: int, run: int, i: int, number: int, first: float) -> Draws:
-    """Return the address of the random numbers of ``on_sample``, from which soft feedback draws its messages.
-
-    Args:
-        number: index of the robot's sample. first: the first of these random numbers if it has been computed already,
-            else -1.
-    """
+    """Return the address of the random numbers of ``on_sample``, from which soft feedback draws its messages."""
     # 0: ``shift``; no other robot is part of the address.
     return Draws(seed, run, i, MESSAGE, number, ALONE, 0, first)
 
 
 @inlined
 def message_draws(seed: int, run: int, i: int, sender: int, number: int) -> Draws:
-    """Return the address of the random numbers of ``on_message``.
-
-    Args:
-        i: receiver. sender: robot that sent the message. number: index of the message among the sender's messages.
-    """
+    """Return the address of the random numbers of ``on_message``."""
     # 16: ``shift``. The k-th number is addressed by the word ``sender + (k << 16)``, 16 bits each. -1.0: ``first``,
     # as the first random number has not been computed in advance.
     return Draws(seed, run, i, HEARING, number, sender, 16, -1.0)
@@ -300,21 +256,16 @@ def timer_draws(seed: int, run: int, i: int, number: int) -> Draws:
 
 
 def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
-    """Return the final state of each robot as columns by name, (runs * robots,) each.
-
-    They are the columns of ``FINALS`` without run and robot, and ``sent``, the number of messages that the robot sent.
-
-    For an undecided robot the decision is -1 and ``decision_time_s`` is nan; ``belief_at_decision`` is nan if it never
-    decided. alpha and beta are nan if the strategy has none.
-    """
+    """Return the final state of each robot as columns by name, (runs * robots,) each."""
     agents, states = swarm.agents, swarm.states
     # A strategy may return to -1 after a decision; ``decided_s`` and ``belief_at_decision`` are then those of that
     # change.
     decided = agents["decision"] != -1
     alpha, beta = _counts_of(states)
     used = strategy_used(scenario)
-    posterior = posterior_of(scenario, swarm, used)
-    estimate, spread = estimate_of(*posterior), spread_of(*posterior)
+    of_share, of_others = posterior_of(scenario, swarm, used)
+    estimate = estimate_of(of_share, of_others)
+    spread = np.sqrt(estimate * (1.0 - estimate) / (of_share + of_others + 1.0))  # Eq. 17
     if used.has_own_estimate:
         estimate, spread = states["estimate"].copy(), states["estimate_spread"].copy()
     return {
@@ -336,11 +287,7 @@ def final_columns(scenario: Scenario, swarm: Swarm) -> dict[str, NDArray[Any]]:
 def posterior_of(
     scenario: Scenario, swarm: Swarm, used: Strategy
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return alpha and beta of each robot's posterior of the share that its task asks for; nan if it has none.
-
-    Args:
-        used: the strategy (``strategy_used``), which takes long to look up.
-    """
+    """Return alpha and beta of each robot's posterior of the share that its task asks for; nan if it has none."""
     if not used.shares:
         return _counts_of(swarm.states)
     of_kinds = getattr(swarm.arrays, used.shares).astype(np.float64)
@@ -358,11 +305,7 @@ def _counts_of(states: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def final_frame(scenario: Scenario, ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
-    """Return the final state of each robot as a table: the columns of ``FINALS``, and ``sent``.
-
-    Args:
-        ends: table of the motion with a row for each run and robot, in the order of the rows of ``swarm``.
-    """
+    """Return the final state of each robot as a table: the columns of ``FINALS``, and ``sent``."""
     kinds = {**FINALS, "sent": pl.UInt32}
     columns = final_columns(scenario, swarm).items()
     series = [as_series(name, column, kinds[name]) for name, column in columns]
@@ -375,9 +318,3 @@ def estimate_of(alpha: NDArray[Any], beta: NDArray[Any]) -> NDArray[np.float64]:
     # ``where`` leaves nan where the total is 0 or nan.
     estimate: NDArray[np.float64] = np.divide(alpha, total, out=np.full(total.shape, np.nan), where=total > 0)
     return estimate
-
-
-def spread_of(alpha: NDArray[Any], beta: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the posterior standard deviation of the fill ratio, element by element (Eq. 17); nan as there."""
-    mean, total = estimate_of(alpha, beta), alpha + beta.astype(np.float64)
-    return np.asarray(np.sqrt(mean * (1.0 - mean) / (total + 1.0)))

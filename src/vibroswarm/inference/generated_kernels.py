@@ -57,21 +57,12 @@ _building = RLock()
 
 @cache
 def uses_uniforms(strategy: Strategy) -> bool:
-    """Return whether ``on_sample`` itself names the function ``u``, and so may draw random numbers.
-
-    If it does, it is worth computing the first random number of each sample in advance, for all samples at once.
-    """
+    """Return whether ``on_sample`` names ``u``: then its first numbers are computed for all samples at once."""
     return any(value is u for value in globals_of(strategy.on_sample).values())
 
 
 def arrays_for(strategy: Strategy, network: Network, robots: int, sizes: Mapping[str, int]) -> Any:
-    """Return a strategy's arrays for ``robots`` robots, zeroed: a named tuple of arrays of shape (robots, size).
-
-    The result is 0 if the strategy has no arrays.
-
-    Args:
-        sizes: numbers of robots, rows, columns and tiles, by name; declared sizes of arrays are formulas of these.
-    """
+    """Return a strategy's arrays, zeroed, (robots, size) each, as a named tuple; 0 if it has none."""
     declared = arrays_of(strategy.arrays)
     if not declared:
         return 0
@@ -80,14 +71,7 @@ def arrays_for(strategy: Strategy, network: Network, robots: int, sizes: Mapping
 
 
 def network_arrays_for(strategy: Strategy, network: Network, params: object, sizes: Mapping[str, int]) -> Any:
-    """Return the arrays of a network as a named tuple: its parameters that are lists, and its own arrays, zeroed.
-
-    The result is 0 if the network has neither.
-
-    Args:
-        strategy: with the network, it selects the generated module that defines the named tuple. params: the network's
-            parameters. sizes: numbers of robots, rows, columns and tiles, by name.
-    """
+    """Return a network's list parameters and zeroed arrays as a named tuple; 0 if it has none."""
     arrays = network.arrays_of(params, sizes)
     return vars(kernels(strategy, network))["NetworkArrays"](**arrays) if arrays else 0
 
@@ -164,10 +148,6 @@ def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any
     What is compiled is a copy, in whose globals the functions that it calls are replaced by their compiled forms, if
     they are of the same module, of ``vibroswarm.strategies`` or of a module of users. Any other function stays as it
     is, and the kernel compiles only if Numba can compile a call of it.
-
-    Args:
-        function: a Python function; a function that is compiled already is returned as it is.
-        compiled: compiled forms of functions so far, extended.
     """
     if not isinstance(function, FunctionType):
         return function  # compiled already

@@ -26,6 +26,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm.core.jit import kernel, read_only
 from vibroswarm.floors.floor import Floor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.tasks import Asked, task
@@ -97,11 +98,7 @@ HALF: Final = 0.5
 
 
 class _Question:
-    """What a scenario asks about floors, read from it once: its sections are looked up slowly.
-
-    Args:
-        scenario: the scenario whose task asks.
-    """
+    """What a scenario asks about floors, read from it once: its sections are looked up slowly."""
 
     def __init__(self, scenario: Scenario) -> None:
         asked = scenario.task
@@ -115,20 +112,12 @@ class _Question:
         )
 
     def asked(self, floor: Floor, start: Floor) -> Asked:
-        """Return what the task may need beside the floor.
-
-        Args:
-            start: the floor at time 0.
-        """
+        """Return what the task may need beside the floor."""
         fill_ratio = floor.fill_ratio_within(self._asked.width_m, self._asked.height_m)
         return self._asked._replace(fill_ratio=fill_ratio, start=start)
 
     def judged(self, now: Floor, start: Floor) -> tuple[float, float]:
-        """Return the number against which estimates are scored, and the right decision, nan for none.
-
-        Args:
-            now, start: the floor at the time of the estimates, and at time 0.
-        """
+        """Return the number against which estimates are scored, and the right decision, nan for none."""
         asked = self.asked(now, start)
         answer = self.task.answer(now, asked, self.params)
         is_scored = bool(self.task.estimated) or self.task.scored is not None
@@ -137,33 +126,20 @@ class _Question:
 
 
 def truth_on(scenario: Scenario, floor: Floor, *, time_s: float = math.inf) -> int | None:
-    """Return the right decision on a floor by the scenario's task, such as 1 or 0, or None if no decision is right.
-
-    Args:
-        time_s: if the floor changes, the time of which the truth is asked; by default after all changes.
-    Raises:
-        CodeError: a user's task raised an error, or returned something other than a decision and None.
-    """
+    """Return the right decision on a floor by the scenario's task, such as 1 or 0, or None if no decision is right."""
     _, truth = _Question(scenario).judged(floor.at(time_s), floor.at(0.0))
     return None if math.isnan(truth) else int(truth)
 
 
 def truth_over_time(scenario: Scenario, floor: Floor) -> tuple[Array, Array]:
-    """Return from when on which decision is right, (spans,) each: times (s), 0 first, and truths, nan for none.
-
-    Neighbouring spans have different truths, so a floor may change more often than its truth. Of a task that is asked
-    anew after each answer there is one span without a truth.
-    """
+    """Return from when on which decision is right, (spans,) each: times (s), 0 first, and truths, nan for none."""
     if task(scenario.task.name).lacks_truth(scenario.task.params):
         return np.zeros(1), np.full(1, math.nan)
     return truth_of_robot(scenario, floor, ())[:2]
 
 
 def number_over_time(scenario: Scenario, floor: Floor, end_s: float) -> list[tuple[float, float]]:
-    """Return from when on (s), 0 first, estimates are scored against which number, up to the end of a run.
-
-    Neighbouring numbers differ.
-    """
+    """Return from when on (s), 0 first, estimates are scored against which number, up to the end of a run."""
     question, start, numbers = _Question(scenario), floor.at(0.0), list[tuple[float, float]]()
     for since_s, now in floor.stages():
         if since_s >= end_s:
@@ -177,14 +153,7 @@ def number_over_time(scenario: Scenario, floor: Floor, end_s: float) -> list[tup
 def truth_of_robot(
     scenario: Scenario, floor: Floor, answered_s: Sequence[float]
 ) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Return from when on which decision of a robot is right, if it is asked anew at some times.
-
-    Args:
-        answered_s: times (s), ascending, from which on ``Asked.start`` is the floor as it is then. A change at the same
-            time has happened before.
-    Returns: times and truths as ``truth_over_time`` does, but spans may be empty; and for each of ``answered_s`` the
-        index of the span that it ended, or that continues.
-    """
+    """Return from when on which decision of a robot is right, if it is asked anew at some times."""
     question, stages = _Question(scenario), list(floor.stages())
     start = now = stages[0][1]
     events: list[tuple[float, Floor | None]] = [*stages, *((time_s, None) for time_s in answered_s)]
@@ -206,15 +175,7 @@ def truth_of_robot(
 def fills_and_truth(
     scenario: Scenario, floors: Mapping[int, Floor], runs: Sequence[int], end_s: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return fill ratio and truth about the floor of each run at its end, (runs,) each; nan where no answer is right.
-
-    The fill ratio is that inside the arena; with a task that asks for a number, or scores estimates against another
-    one, that number takes its place.
-
-    Args:
-        floors: the floor of each run, by run number; a floor object that several runs share is judged once.
-        runs: the run numbers. end_s: (runs,): end of each run; None: after all changes.
-    """
+    """Return fill ratio in the arena (or the number asked for) and truth at the end of each run, (runs,); nan: none."""
     ends = [math.inf] * len(runs) if end_s is None else end_s.tolist()
     # What the truth of each run depends on: the floor object, and the end if the floor changes.
     keys = [
@@ -233,38 +194,23 @@ def fills_and_truth(
 
 
 def right_of(decision: NDArray[Any], truth: Array) -> NDArray[np.bool_]:
-    """Return which robots decided right, (..., runs, robots); no robot of a run whose truth is nan.
-
-    Args:
-        decision: (..., runs, robots): -1 undecided. truth: (..., runs).
-    """
+    """Return which robots decided right, (..., runs, robots); no robot of a run whose truth is nan."""
     return np.asarray(decision == truth[..., None])
 
 
 def wrong_of(decision: NDArray[Any], truth: Array) -> NDArray[np.bool_]:
-    """Return which robots decided wrong, (..., runs, robots); no robot of a run whose truth is nan.
-
-    Args:
-        decision: (..., runs, robots): -1 undecided. truth: (..., runs).
-    """
+    """Return which robots decided wrong, (..., runs, robots); no robot of a run whose truth is nan."""
     truth = truth[..., None]
     return np.asarray((decision != -1) & (decision != truth) & ~np.isnan(truth))
 
 
 def belief_in_truth(belief: Array, truth: Array) -> Array:
-    """Return the belief in the truth; nan where ``belief`` or ``truth`` is nan.
-
-    Args:
-        belief: belief that f is below the boundary. truth: 0, 1 or nan; broadcast against ``belief``.
-    """
+    """Return the belief in the truth; nan where ``belief`` or ``truth`` is nan."""
     return np.where(truth == 0.0, belief, np.where(truth == 1.0, 1.0 - belief, np.nan))
 
 
 def costs_of(scenario: Scenario) -> Array | None:
-    """Return the costs of mistakes, relative to the dearest, (answers, answers): rows are truths, columns decisions.
-
-    None stands for two answers with mistakes that cost the same.
-    """
+    """Return the costs of mistakes, relative to the dearest, (answers, answers): rows are truths, columns decisions."""
     given, asks = scenario.task.costs, scenario.task.entry
     if given is not None:
         costs = np.array(given, dtype=np.float64)
@@ -278,15 +224,8 @@ def forced_errors(
 ) -> Array:
     """Return the forced error of each robot: 0 if it is right, 1 if it is wrong, or the cost of that mistake.
 
-    An undecided robot counts as deciding for the answer that it believes in more; without such an answer as guessing:
-    it has 1/2 of two answers, 1 - 1/k of k.
-
-    Args:
-        decision: 0, 1 or another answer, or -1 while undecided. belief_in_truth: belief in the true answer, of an
-            undecided robot at the end of the run; nan: it has no belief. truth: the right one; nan: none is right.
-        costs: of ``costs_of``, (answers, answers), or one table for each truth, (..., answers, answers); nan: there is
-            no such answer.
-    Returns: errors in the broadcast shape of the arguments; nan where the truth is nan.
+    An undecided robot counts as deciding for the answer that it believes in more; without a belief as guessing (1/2 of
+    two answers, 1 - 1/k of k). ``costs``: (..., answers, answers), rows are truths; nan: there is no such answer.
     """
     if costs is not None:
         return _forced_costs(decision, belief_in_truth, truth, costs)
@@ -319,14 +258,7 @@ def capped_time_s(time_s: Array, t_end_s: ArrayLike) -> Array:
 
 
 def robot_columns(finals: Columns, truth: Array) -> dict[str, NDArray[Any]]:
-    """Return the columns ``finals`` with ``belief_in_truth`` and ``sent`` added, (..., runs, robots) each.
-
-    Args:
-        finals: columns of ``inference.agents.final_columns``, (..., runs, robots) each; ``belief_below`` and
-            ``samples`` are needed. If there is no column ``sent``, each robot is taken to have sent one message per
-            sample.
-        truth: (..., runs).
-    """
+    """Return the columns ``finals`` with ``belief_in_truth`` and ``sent`` added, (..., runs, robots) each."""
     in_truth = belief_in_truth(finals["belief_below"], truth[..., None])
     return {**finals, "belief_in_truth": in_truth, "sent": finals.get("sent", finals["samples"])}
 
@@ -334,15 +266,7 @@ def robot_columns(finals: Columns, truth: Array) -> dict[str, NDArray[Any]]:
 def run_columns(
     decision: NDArray[Any], time_s: Array, fills: Array, truth: Array, end_s: Array, t_end_s: float
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of the table of runs except ``run``; consensus is an index into ``CONSENSUS``.
-
-    Args:
-        decision, time_s: (..., runs, robots): decision and its time; -1 and nan where undecided. truth: (..., runs).
-        fills, end_s: (runs,): fill ratio of the floor and end of each run. t_end_s: end of a run that does not stop
-            early, s.
-    Returns: columns of shape (..., runs); those that depend only on ``fills`` and ``end_s`` have shape (runs,). The
-        consensus time is nan unless all robots made the same decision.
-    """
+    """Return the columns of the table of runs except ``run``; consensus is an index into ``CONSENSUS``."""
     undecided = (decision == -1).sum(axis=-1)
     right, wrong = right_of(decision, truth).sum(axis=-1), wrong_of(decision, truth).sum(axis=-1)
     same = (decision == decision[..., :1]).all(axis=-1)  # all robots have the decision of the first one
@@ -367,14 +291,7 @@ def run_columns(
 def outcome_tables(
     scenario: Scenario, floors: Mapping[int, Floor], finals: pl.DataFrame, ends: pl.DataFrame
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the tables of robots and of runs.
-
-    Args:
-        floors: the floor of each run, by run number.
-        finals: table of the final state of each robot (``inference.agents.FINALS``), run by run; ``sent`` as in
-            ``robot_columns``.
-        ends: the motion's table of ends, with a row for the same run and robot as each row of ``finals``.
-    """
+    """Return the tables of robots and of runs."""
     by_run = {name: finals[name].to_numpy().reshape(-1, scenario.swarm.robots) for name in finals.columns}
     end_s = ends["end_s"].to_numpy().reshape(by_run["run"].shape).max(axis=1)
     run = by_run["run"][:, 0].copy()
@@ -392,24 +309,32 @@ def outcome_tables(
 
 
 def with_shares(robots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """Return the table of robots with the columns ``SHARES``.
+    """Return the table of robots with the columns ``SHARES``."""
+    run, first = np.unique(robots["run"].to_numpy(), return_index=True)
+    bounds = np.append(np.searchsorted(samples["run"].to_numpy(), run), samples.height)
+    row = np.repeat(first, np.diff(bounds)) + samples["robot"].to_numpy()
+    rows, last_s = np.bincount(row, minlength=robots.height), np.full(robots.height, np.nan)
+    last_s[row] = samples["time_s"].to_numpy()
+    shares = []
+    for name, column in SPENT.items():
+        total_s, known = np.zeros(robots.height), np.zeros(robots.height)
+        add_known(row, read_only(samples[column].to_numpy()), total_s, known)
+        mean_s = np.divide(total_s, known, out=np.full(robots.height, np.nan), where=known > 0.0)
+        shares.append(as_series(name, mean_s * rows / last_s, SHARES[name]))
+    return robots.hstack(shares)
 
-    Args:
-        samples: the table of motion; a column without values has no share.
-    """
-    spent = {
-        name: pl.col(column).cast(pl.Float64).mean() * pl.len() / pl.col("time_s").max()
-        for name, column in SPENT.items()
-    }
-    shares = samples.group_by("run", "robot").agg(**spent)
-    return robots.join(shares, on=["run", "robot"], how="left", maintain_order="left")
+
+@kernel
+def add_known(row: NDArray[np.int64], values: NDArray[np.float32], total: Array, known: Array) -> None:
+    """Add the values that are not nan, and their number, to entry ``row`` of ``total`` and ``known``, in order."""
+    for k in range(row.size):
+        if not math.isnan(values[k]):
+            total[row[k]] += values[k]
+            known[row[k]] += 1.0
 
 
 def as_series(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
-    """Convert an array to a column of a table, of type ``kind``, with null in place of nan.
-
-    If ``kind`` is an ``Enum``, ``values`` are indices into its words.
-    """
+    """Convert an array to a column of a table, of type ``kind``, with null in place of nan."""
     if isinstance(kind, pl.Enum):
         return pl.Series(name, kind.categories, dtype=kind).gather(values)
     return pl.Series(name, values, nan_to_null=values.dtype == np.float64).cast(kind)
@@ -424,23 +349,13 @@ def numbers(column: pl.Series) -> Array:
 
 
 def sum_by_run(values: Array, first: NDArray[np.intp]) -> Array:
-    """Return the sum over the robots of each run, (runs,); empty if there are no runs.
-
-    The numbers of a run are always added in the same order, so that rounding is reproducible.
-
-    Args:
-        values: (robots of all runs,), run by run. first: (runs,): index of each run's first robot.
-    """
+    """Return the sum over the robots of each run, (runs,); empty if there are no runs."""
     sums: Array = np.add.reduceat(values, first) if first.size else np.zeros(0)
     return sums
 
 
 def mean_by_run(values: Array, first: NDArray[np.intp]) -> Array:
-    """Return the mean over those robots of each run whose value is not nan, (runs,); nan if all values are nan.
-
-    Args:
-        values: (robots of all runs,), run by run. first: (runs,): index of each run's first robot.
-    """
+    """Return the mean over those robots of each run whose value is not nan, (runs,); nan if all values are nan."""
     known = ~np.isnan(values)
     with np.errstate(invalid="ignore", divide="ignore"):  # 0 / 0 where all values are nan
         return sum_by_run(np.where(known, values, 0.0), first) / sum_by_run(known.astype(np.float64), first)

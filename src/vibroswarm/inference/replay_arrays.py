@@ -85,13 +85,7 @@ NO_ESTIMATES: Final = read_only(np.empty((0, 9)))
 
 @inlined
 def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Reading:
-    """Return the reading of the sample in row ``k`` as a strategy gets it.
-
-    Its place is the estimated place if there are estimates; else the true place, or nan if that is not known.
-
-    Args:
-        time_s: time of the sample. number: index of the sample among the robot's samples.
-    """
+    """Return the reading of the sample in row ``k`` as a strategy gets it."""
     # A ``Reading`` has, after class, time and number: place, heading and spread now; then number, place and spreads of
     # the lagged sample. The columns of the estimates are in this order.
     reading, estimates, weighed = signed(readings.observation[k]), readings.estimates, readings.weighed
@@ -180,11 +174,7 @@ class Log(NamedTuple):
 
 
 def empty_log(rows: int, state_type: np.dtype[np.void]) -> Log:
-    """Allocate a log for ``rows`` samples.
-
-    Args:
-        state_type: row type of the strategy's state.
-    """
+    """Allocate a log for ``rows`` samples."""
     return Log(
         states=zero_rows(rows, state_type),
         received=np.empty(rows, dtype=np.uint32),
@@ -231,13 +221,7 @@ def clear_inbox(inbox: Inbox) -> None:
 
 @inlined
 def put_message(inbox: Inbox, robot: int, message: int, arrival_tick: int) -> bool:
-    """Insert a message into a robot's list, which is sorted by arrival tick; return whether there was room for it.
-
-    Callers insert messages in the order of sending, so a message is put after those with the same arrival tick.
-
-    Args:
-        inbox: changed. message: index of the message. arrival_tick: tick from which it can be read.
-    """
+    """Insert a message into a robot's list, which is sorted by arrival tick; return whether there was room for it."""
     # Take an entry that is free again or, if there is none, one that was never used.
     entry = inbox.free[0]
     if entry >= 0:

@@ -54,6 +54,7 @@ from vibroswarm.inference.default_hooks import (
     steer,
     views,
 )
+from vibroswarm.inference.deliveries import positions_at
 from vibroswarm.inference.replay_arrays import (
     AGREED_SINCE,
     BUFFER_FULL,
@@ -72,7 +73,6 @@ from vibroswarm.inference.replay_arrays import (
     put_message,
     take_first,
 )
-from vibroswarm.inference.sender_positions import positions_at
 from vibroswarm.strategies.world import Draws, World
 
 NEVER = 2**62
@@ -86,13 +86,11 @@ def read_arrived(
 ) -> None:  # fmt: skip
     """Let robot ``i``, in row ``e``, read the messages that have arrived by tick ``walked``, at which it last walked.
 
+    Shapes: ``network_params`` (1,).
+
     A robot reads only while it walks, and never again from the tick on at which its radio is dead. A message that
     arrives while the robot stands is read at the first tick at which it walks again. One that stands from sample to
     sample, as robots of a user's source may, reads just before each sample.
-
-    Args:
-        buffer: messages of the run; messages that are read leave the robot's inbox. world: as robot 0 knows it.
-        network_params: (1,): row of the network's parameters.
     """
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a = views(swarm.arrays, e)
@@ -157,19 +155,7 @@ def send_message(
     swarm: Swarm, e: int, i: int, tick: int, buffer: MessageBuffer, world: World, seed: int, run: int,
     network_params: Any, network_state: Any, network_arrays: Any, bytes_on_air: int,
 ) -> bool:  # fmt: skip
-    """Send the message that the strategy of robot ``i``, in row ``e``, has written to the end of ``buffer``.
-
-    Its sender, tick and number are stored, and it is counted as sent. If the network has ``send``, the message is also
-    put into the inboxes of its receivers; else robots read it from ``buffer`` itself (``read_arrived``). The caller has
-    checked that ``buffer`` has a row for it. If the network reads positions, the caller has also written those of all
-    robots to ``buffer``.
-
-    Args:
-        bytes_on_air: length of the message.
-        network_params, network_state: (1,): rows of the network's parameters and state. network_arrays: the network's
-            arrays, or 0 if it has none.
-    Returns: whether the inbox had room; if not, the replay must be repeated with a larger buffer.
-    """
+    """Send the message that the strategy of robot ``i``, in row ``e``, has written to the end of ``buffer``."""
     row, m = swarm.agents[e], buffer.filled[0]
     buffer.sender[m], buffer.tick[m], buffer.number[m] = i, tick, row.sent
     if HAS_SEND:
@@ -208,10 +194,7 @@ def time_of(tick: int, w: World) -> float:
 
 @inlined
 def due_tick(swarm: Swarm, e: int, w: World) -> int:
-    """Return the tick at which the timer of the robot in row ``e`` is due; ``NEVER`` if no timer is set.
-
-    It is the first tick at or after the time ``next_s``, but not before the tick after the robot's last event.
-    """
+    """Return the tick of the timer, after the robot's last event; ``NEVER`` if none is set."""
     at_s, row = next_s(swarm.states[e]), swarm.agents[e]
     if not at_s < 1e12:  # nan or inf: no timer; larger times would not fit into an integer
         return NEVER
@@ -225,15 +208,8 @@ def update_decision(
     swarm: Swarm, first: int, e: int, i: int, tick: int, t_s: float, agreement: NDArray[np.int64], world: World,
     is_logged: bool,
 ) -> int:  # fmt: skip
-    """Update belief, timer and decision of robot ``i``, in row ``e``, after a sample or timer.
-
-    If the strategy decides by opinions, the hook ``decision`` returns an opinion, which is not yet a decision. The tick
-    since which the opinions of all robots that count agree is then saved in ``agreement``; ``settle_opinions``
-    turns opinions into decisions. The robots that count are those with ``failures.works`` = 1.
-
-    Args:
-        first: row of the run's robot 0. tick, t_s: tick and time of the event.
-    Returns: ``DONE`` or an error code.
+    """Update belief, timer and decision after a sample or timer; of opinions, the tick since which all that count
+    agree.
     """
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a = views(swarm.arrays, e)
@@ -268,10 +244,6 @@ def settle_opinions(swarm: Swarm, first: int, tick: int, agreement: NDArray[np.i
     The time of the decisions is that since which the opinions agree. ``first_decided_s``, the time at which this was
     known, is ``hold_s`` later. A robot that does not count (``update_decision``) gets its own opinion as its decision,
     even if the others do not agree with it.
-
-    Args:
-        first: row of the run's robot 0. tick: the present tick, before any event at it is processed; or, when no event
-            is left, the tick up to which motion is known or is replayed.
     """
     since = agreement[AGREED_SINCE]
     long_enough = time_of(tick - since, world) >= world.hold_s
@@ -305,13 +277,7 @@ def begin_run(
     swarm: Swarm, first: int, buffer: MessageBuffer, tracks: Any, world: World, network_state: NDArray[np.void],
     network_arrays: Any, seed: int, run: int,
 ) -> None:  # fmt: skip
-    """Set a run to time 0: its robots, in rows from ``first`` on, their messages and the network.
-
-    The strategy's arrays are zero already (``Replayer.clear``).
-
-    Args:
-        buffer, tracks, network_state, network_arrays: changed. world: as robot 0 knows it.
-    """
+    """Set a run to time 0: its robots, in rows from ``first`` on, their messages and the network."""
     buffer.filled[0], buffer.ones[0] = 0, 0
     buffer.agreement[AGREED_SINCE], buffer.agreement[SETTLED] = -1, 0
     network_state[0] = buffer.zero_network_state[0]
@@ -332,13 +298,9 @@ def begin_run(
 
 @inlined
 def next_event(stops: Stops, swarm: Swarm, first: int, low: int, tick: int, i: int) -> tuple[int, int, bool]:
-    """Return tick and robot of a run's next event, and whether it is a timer; tick ``NEVER`` if no event is left.
+    """Return tick and robot of a run's next event, and whether it is a timer; ``NEVER``: none is left.
 
-    A timer that is due while its robot stands waits until the robot has sampled, and is no event before that.
-
-    Args:
-        first: row of the run's robot 0. low: first row of the run's samples.
-        tick, i: tick and robot of the next sample; ``NEVER`` and the number of robots if there is no further sample.
+    A timer that is due while its robot stands waits until the robot has sampled.
     """
     is_timer = False
     for j in range(swarm.params.size):
@@ -378,14 +340,7 @@ def take_sample(
 def log_sample(
     swarm: Swarm, e: int, k: int, out: Any, sends: bool, messages: NDArray[np.void], log: Log
 ) -> None:
-    """Write a robot's state after a sample to ``log``, and its message to ``messages``.
-
-    The decision in the log is the robot's opinion. The two differ only if the strategy decides by opinions.
-
-    Args:
-        e: row of the robot. k: row of the sample, to which is written. out: the message. sends: whether the robot sends
-            it.
-    """
+    """Write a robot's state after a sample (its opinion as decision) to ``log``, and its message to ``messages``."""
     row = swarm.agents[e]
     log.states[k], log.decision[k], log.received[k] = swarm.states[e], row.opinion, row.received
     log.belief[k] = row.belief
@@ -401,24 +356,7 @@ def replay(
     bytes_on_air: int, seed: int, decided_s: NDArray[np.float64], from_start: bool, to_end: bool,
     limits_s: NDArray[np.float64],
 ) -> int:  # fmt: skip
-    """Replay the runs, one after the other, from where the last call stopped; return ``DONE`` or an error code.
-
-    Only a single run can be continued by a later call, as ``buffer`` holds the messages of one run.
-
-    Args:
-        rows, stops, readings: samples, when robots stand, and what robots read. replayed: (runs,): number of samples
-            replayed so far, changed. swarm: state of all robots, changed. buffer: messages of the current run, changed.
-        messages, log: (rows,), written: message of each sample, and state after it; both are empty if not requested.
-        tracks: moves of all runs; 0 unless the network reads positions.
-        steering: (rows, 2): turn (deg) and leg (ms) that the strategy chooses at each sample; written if it steers,
-            else 0. world: as robot 0 knows it.
-        network_params, network_state: (1,). network_arrays: the network's arrays, or 0 if it has none.
-        bytes_on_air: length of a message.
-        decided_s: (runs,), written: when all robots had decided for the first time; inf: never.
-        from_start: begin at time 0, not where the last call stopped. to_end: also read the messages that arrive after
-            the last event. limits_s: (runs,): do not replay events of a run after this time.
-    Returns: ``DONE``; ``BUFFER_FULL`` if all must be repeated with a larger buffer; or an error code.
-    """
+    """Replay the runs from where the last call stopped (a single run only, as ``buffer`` holds one run's messages)."""
     robots = swarm.params.size
     for r in range(rows.runs.size):
         low, high, run, first = rows.bounds[r], rows.bounds[r + 1], rows.runs[r], r * robots
@@ -508,13 +446,7 @@ def replay(
 
 @inlined
 def stop_of(stops: Stops, own: int, e: int, low: int) -> int:
-    """Return the first tick of the next stop of the robot in row ``e``; until then it walks.
-
-    If the next stop is not known, the result is the tick after the last one at which the robot is known to walk.
-
-    Args:
-        own: row of its last sample, from the run's first; -1: none. low: first row of the run's samples.
-    """
+    """Return the first tick of the next stop of the robot in row ``e``; until then it walks."""
     following = stops.first[e] if own < 0 else stops.following[low + own]
     if following < 0:
         return signed(stops.walked_tick[e]) + 1

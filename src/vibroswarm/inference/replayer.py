@@ -12,6 +12,7 @@ from vibroswarm.core.jit import entry_for, read_only, zero_rows
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError
 from vibroswarm.inference.agents import empty_swarm, set_failures, sizes_of, strategy_used, world_of
+from vibroswarm.inference.deliveries import NO_TRACKS, Tracks
 from vibroswarm.inference.generated_kernels import kernels, network_arrays_for
 from vibroswarm.inference.replay_arrays import (
     BUFFER_FULL,
@@ -25,7 +26,6 @@ from vibroswarm.inference.replay_arrays import (
     empty_inbox,
     empty_log,
 )
-from vibroswarm.inference.sender_positions import NO_TRACKS, Tracks
 from vibroswarm.networks import Network
 from vibroswarm.networks import network as network_of
 from vibroswarm.scenario.scenario import Scenario
@@ -60,12 +60,7 @@ class Replayer:
         network: Network | None = None,
         network_params: Any = None,
     ) -> None:
-        """Generate the kernel, and allocate the robots' state (arguments: see the class).
-
-        ``replayed`` counts the samples of each run that have been replayed. ``decided_s`` is when all its robots had
-        decided for the first time, inf if they have not. ``steering`` receives the turn (deg) and
-        the leg (ms) that the strategy chooses at each sample, (rows, 2); it is 0 if the strategy does not steer.
-        """
+        """Generate the kernel, and allocate the robots' state (arguments: see the class)."""
         params = scenario.network.params if network is None else network_params
         self.strategy, self.network = strategy_used(scenario), network or network_of(scenario.network.name)
         strategy, network = self.strategy, self.network
@@ -94,11 +89,6 @@ class Replayer:
         self.under_way = min(self.robots * self.robots, 2**19) + 64
         self.buffer = self._message_buffer(at_samples + 64)
 
-    @property
-    def reads_positions(self) -> bool:
-        """Whether the network reads robot positions."""
-        return self.network.reads_positions
-
     def advance(
         self,
         rows: Rows,
@@ -110,16 +100,7 @@ class Replayer:
         limits_s: NDArray[np.float64] | None = None,
         tracks: Tracks = NO_TRACKS,
     ) -> None:
-        """Replay the samples that were added since the last call; ``swarm`` then holds the robots' new state.
-
-        Args:
-            rows, readings: all samples of the runs so far, and what the robots read. stops: when the robots stand.
-                tracks: the robots' moves; needed only if ``reads_positions``.
-            from_start: begin at time 0, not where the last call stopped. to_end: also read the messages that arrive
-                after the last sample. limits_s: (runs,): do not replay events of a run after this time.
-        Raises:
-            CodeError: the strategy did something that strategies may not do.
-        """
+        """Replay the samples that were added since the last call; ``swarm`` then holds the robots' new state."""
         status = BUFFER_FULL
         while status == BUFFER_FULL:
             if from_start:
@@ -150,10 +131,7 @@ class Replayer:
             array[:] = 0
 
     def call(self, *arguments: Any) -> int:
-        """Call the kernel, and return its status; the arguments must have the same types at each call.
-
-        From the third call on, the compiled function is called directly (``entry``), which is faster.
-        """
+        """Call the kernel, and return its status; from the third call on without Numba's dispatch."""
         if self.entry is not None:
             return self.entry(*arguments)
         code = self.strategy.code or self.network.code

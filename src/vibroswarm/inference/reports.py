@@ -33,12 +33,7 @@ none yet. The rows of an array that is not of the state have the robot's last sa
 
 
 def report_frame(scenario: Scenario, timeline: Timeline, log: Log, swarm: Swarm) -> pl.DataFrame | None:
-    """Return the table of what robots reported, None if the strategy reports nothing.
-
-    Args:
-        timeline: samples and ends of the runs that were replayed. log: state after each sample. swarm: state of all
-            robots at the end, in the order of ``timeline.ends``.
-    """
+    """Return the table of what robots reported, None if the strategy reports nothing."""
     parts = [_rows(scenario, name, timeline, log, swarm) for name in strategy_used(scenario).reported]
     return pl.concat(parts).sort("run", "robot", "sample", "name", "index") if parts else None
 
@@ -60,12 +55,8 @@ def _rows(scenario: Scenario, name: str, timeline: Timeline, log: Log, swarm: Sw
 
 
 def array_at_end(scenario: Scenario, name: str, arrays: Any) -> NDArray[Any]:
-    """Return a reported array of each robot at the end of its run, (robots of all runs, size).
-
-    The array ``p`` of robots that keep a map is scratch, so that the map is computed from their evidence.
-
-    Args:
-        arrays: of all robots, as in ``Swarm.arrays``.
+    """Return a reported array at the end, (robots of all runs, size); the scratch array ``p`` is computed from
+    evidence.
     """
     found = np.asarray(getattr(arrays, name))
     if name != "p" or scenario.strategy.name not in WITH_MAP:
@@ -75,13 +66,7 @@ def array_at_end(scenario: Scenario, name: str, arrays: Any) -> NDArray[Any]:
 
 
 def beliefs_of(arrays: Any, runs: int, robots: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the maps of robots that keep one, (runs, robots, tiles), and the pooled map, (runs, tiles), at the end.
-
-    A robot keeps log odds of each tile by sender, and weights of senders; the probabilities follow from both.
-
-    Args:
-        arrays: of all robots of all runs at the end (``Swarm.arrays``).
-    """
+    """Return the maps of robots that keep one, (runs, robots, tiles), and the pooled map, (runs, tiles), at the end."""
     from scipy.special import expit  # its import takes long
 
     # Axes: run, robot, sender, tile.
@@ -112,11 +97,7 @@ value. ``error``: mean distance from the number that the task asks for, null if 
 def reported_at_end(
     scenario: Scenario, swarm: Swarm, runs: Sequence[int], asked: NDArray[np.float64]
 ) -> pl.DataFrame:
-    """Return the table ``REPORTED`` of runs, by the robots' state at the end.
-
-    Args:
-        swarm: state of all robots at the end of the runs. asked: (runs,), the number that the task asks for.
-    """
+    """Return the table ``REPORTED`` of runs, by the robots' state at the end. Shapes: ``asked`` (runs,)."""
     has_sampled = swarm.agents["samples"] > 0
     parts = [pl.DataFrame(schema=REPORTED)]
     for name, one in strategy_used(scenario).reported.items():

@@ -34,12 +34,11 @@ from vibroswarm.lab.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.lab.recordings.threshold import robot_clusters
 from vibroswarm.observation.decision_boundary import grid_of
-from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.sensors.energies import Scale, scale_of, smoothed
+from vibroswarm.sensors.energies import Scale, read_energies, scale_of, smoothed
 from vibroswarm.statistics.intervals import generator
 
 DRAWS: Final = 20

@@ -40,7 +40,7 @@ from vibroswarm.core.rng import (
 from vibroswarm.errors import InputError
 from vibroswarm.localisation.odometry import OwnMoves, measure, noticed, odometer_of
 from vibroswarm.motion.geometry import wrapped_rad
-from vibroswarm.motion.motion_tables import MOVE_ROW, Motion, joined
+from vibroswarm.motion.motion_tables import MOVE_ROW, joined
 from vibroswarm.robot.localisation import drive, obstacle, sampled, turn
 from vibroswarm.robot.pose_mixture import ESTIMATE, LocalisationProgram, Mixture, begin, empty_mixture
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP
@@ -69,27 +69,8 @@ columns ``lagged_*`` are the number, place and standard deviations of the sample
 what the robot met since; they are null for the robot's first samples, before which there are not so many."""
 
 
-def locate(scenario: Scenario, seed: int, motion: Motion) -> pl.DataFrame:
-    """Return the table of where each robot believes it is at each sample (``PLACES``).
-
-    Args:
-        seed: seed of the runs. motion: tables of samples and moves; the rows of the result are in the order of its
-            samples.
-
-    Raises:
-        InputError: the motion has no table of moves.
-    """
-    samples = motion.samples
-    stop_start_s, time_s = (samples[name].to_numpy() for name in ("stop_start_s", "time_s"))
-    return place_frame(samples, estimate(scenario, seed, samples, stop_start_s, time_s, motion.moves))
-
-
 def place_frame(samples: pl.DataFrame, estimates: NDArray[np.float64]) -> pl.DataFrame:
-    """Convert estimates to a table (``PLACES``), with null in the lagged columns of a robot's first samples.
-
-    Args:
-        samples: run, robot and sample of each row. estimates: (samples, 9): columns of ``ESTIMATE``.
-    """
+    """Convert estimates, (samples, 9), to the table ``PLACES``, null in the lagged columns of first samples."""
     # ``lagged_sample`` is -1 in a robot's first samples, when there is no sample ``lag`` ago yet.
     lagged = pl.when(pl.col("lagged_sample") >= 0.0).then(pl.col("^lagged_.*$"))
     frame = pl.DataFrame(estimates, schema=list(ESTIMATE)).with_columns(lagged)
@@ -102,10 +83,7 @@ def is_estimated(scenario: Scenario) -> bool:
 
 
 def estimates_key(scenario: Scenario, seed: int) -> Hashable:
-    """Return a key under which the estimates for one motion can be cached: equal keys mean equal estimates.
-
-    It leaves out the motion, and all fields that determine the motion.
-    """
+    """Return a key of all fields but those of motion: equal keys mean equal estimates of one motion."""
     return scenario.odometry, scenario.localisation, scenario.rays.noise_m, seed
 
 
@@ -117,17 +95,7 @@ def estimate(
     time_s: NDArray[np.float64],
     moves: pl.DataFrame | None,
 ) -> NDArray[np.float64]:
-    """Return the estimates of all robots at all samples.
-
-    Args:
-        samples: table with run and robot of each sample; each robot's samples are in order of time.
-        stop_start_s, time_s: (samples,): when the robot stopped for the sample, and when it took it. moves: table of
-            the motion, sorted by run and start.
-    Returns: (samples, 9): the columns of ``ESTIMATE``; the number of the lagged sample is -1 where there is none. A
-        robot's rows are nan from the first sample on whose stop is not among the moves.
-    Raises:
-        InputError: the motion has no table of moves.
-    """
+    """Return the estimates of all robots at all samples. Shapes: ``stop_start_s``, ``time_s`` (samples,)."""
     if moves is None:
         raise InputError(
             "robots that estimate their places need the moves, which this motion lacks; "
@@ -160,17 +128,10 @@ def estimate(
 
 
 class PlaceFilters:
-    """The localisation filters of a swarm's robots, each continued at the robot's next sample.
-
-    Call ``begin`` for each run; then ``follow``, or ``add_moves`` and ``locate`` as the run advances.
-    """
+    """The localisation filters of a swarm's robots, each continued at the robot's next sample."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        """Allocate the filters' memory.
-
-        Args:
-            seed: seed of the runs.
-        """
+        """Allocate the filters' memory."""
         self.scenario, self.seed, self.robots, self.run = scenario, seed, scenario.swarm.robots, -1
         # The methods other than "mixture" have a single Gaussian.
         components = scenario.localisation.components if scenario.place_method == "mixture" else 1
@@ -181,21 +142,12 @@ class PlaceFilters:
         self.programs = [program._replace(ray_forward_m=float(each_m)) for each_m in forward_m]
 
     def begin(self, run: int) -> None:
-        """Set the state to the start of a run.
-
-        State: ``known``, (robots, 4), of ``measure``, and the time of the robot's last sample; ``stop_tick``, tick at
-        which it stopped for its last sample, -1 before; ``given``, arrays of moves (``MOVE_ROW``) that were added, and
-        that the filters have not read yet.
-        """
+        """Set the state to the start of a run; ``known`` is that of ``measure`` and the time of the last sample."""
         self.run, self.given = run, [zero_rows(0, MOVE_ROW)]
         self.known, self.stop_tick = np.zeros((self.robots, 4)), [-1] * self.robots
 
     def add_moves(self, rows: NDArray[np.void]) -> None:
-        """Append moves (``MOVE_ROW``), which are copied.
-
-        A move may be added again when more of it is known: the row that was added last then replaces earlier rows of
-        the same robot and start tick.
-        """
+        """Append copies of moves (``MOVE_ROW``); the row added last replaces earlier ones of its robot and tick."""
         self.given.append(rows.copy())
 
     def locate(
@@ -205,13 +157,7 @@ class PlaceFilters:
         time_s: NDArray[np.float64],
         out: NDArray[np.float64],
     ) -> None:
-        """Write the estimates at new samples.
-
-        Args:
-            robot, stop_tick, time_s: (samples,), in order of time: the robot, the tick at which it stopped, the time of
-                the sample. All moves up to and including that stop must have been added.
-            out: (samples, 9), overwritten: the columns of ``pose_mixture.ESTIMATE``.
-        """
+        """Write the estimates at new samples to ``out``, (samples, 9)."""
         moves, tick_ms = joined(self.given), self.scenario.run.control_period_ms
         times = read_only(stop_tick * tick_ms / 1000.0), read_only(time_s)
         later = np.ones(moves.size, dtype=np.bool_)  # moves to save for later calls
@@ -243,13 +189,7 @@ class PlaceFilters:
         time_s: NDArray[np.float64],
         out: NDArray[np.float64],
     ) -> None:
-        """Continue the filter of robot ``i`` over new moves, and write its estimates at its new samples.
-
-        Args:
-            moves: changed. pose: true pose at the first of these moves; of the robot's first, that at time 0.
-            rows: indices of the robot's new samples in ``stop_s``, ``time_s`` and ``out``. stop_s, time_s: (samples,):
-                when the robot stopped for each sample, and when it took it. out: (samples, 9): estimates, written.
-        """
+        """Continue the filter of robot ``i`` over new moves, and write its estimates to ``out``, (samples, 9)."""
         memory, program, known, run = self.memory[i], self.programs[i], self.known[i], self.run
         if known[2] == 0.0:
             begin_robot(memory, program, self.seed, run, i, pose)
@@ -282,10 +222,7 @@ def speed_law(robot: Robot) -> tuple[float, float]:
 
 
 def program_of(scenario: Scenario) -> LocalisationProgram:
-    """Return what the filters of all robots assume about robot and arena.
-
-    Only ``ray_forward_m`` may differ between robots; here it is the scenario's common value.
-    """
+    """Return what the filters of all robots assume about robot and arena."""
     # told: the scenario's settings of what the robots assume
     robot, rays, told = scenario.robot, scenario.rays, scenario.localisation
     errors = GYRO_LEVELS[told.assumed_level] if told.assumed_level else scenario.odometry.errors
@@ -345,16 +282,7 @@ def follow_moves(
     time_s: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:
-    """Run a robot's filter over its moves, and write its estimates at samples.
-
-    Args:
-        f: memory of the filter, changed. program: what it assumes. moves: as measured. known: its entry 3 is the time
-            of the robot's last sample so far, changed. tick_s: control period.
-        rows: indices of samples, in order of time. Each sample's stop must be among the moves: from the first sample on
-            whose stop is missing, the rows of ``out`` are not written.
-        stop_start_s, time_s: (samples,): when the robot stopped for the sample, and when it took it.
-        out: (samples, 9), written: estimates (``estimate``).
-    """
+    """Run a robot's filter over its moves, and write its estimates at samples to ``out``, (samples, 9)."""
     kind, start_s, duration_s, gyro_rad, ray_m = moves
     k = 0
     for m in range(kind.size):
@@ -379,10 +307,7 @@ def follow_moves(
 def begin_robot(
     f: Mixture, program: LocalisationProgram, seed: int, run: int, i: int, pose: NDArray[np.float64]
 ) -> None:
-    """Start the filter of robot ``i`` at the pose at which the robot assumes that it starts.
-
-    That pose is its true pose at time 0 (x, y, heading) plus normal errors.
-    """
+    """Start the filter of robot ``i`` at its true pose at time 0 plus normal errors."""
     x_m = pose[0] + program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_X)
     y_m = pose[1] + program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_Y)
     heading_rad = pose[2] + program.start_heading_spread_rad * normal(

@@ -76,14 +76,7 @@ def noticed(
     ray_m: NDArray[np.float64],
     end_s: float = math.nan,
 ) -> OwnMoves:
-    """Merge the pieces into which blocking divided a drive or turn, as the robot does not notice that it was blocked.
-
-    Consecutive moves that have the same kind are merged. A stop always begins a new one, and so does an avoidance with
-    a ray: the ray marks the first piece of an avoidance.
-
-    Args:
-        kind, start_s, turned_rad, ray_m: (moves,), of one robot, at least one, by time. end_s: end of the last.
-    """
+    """Merge consecutive moves of a kind, as blocking is not noticed; a stop, or an avoidance with a ray, is new."""
     begins = np.append(True, (np.diff(kind) != 0) | np.isfinite(ray_m[1:]) | (kind[1:] == STOP))
     first = np.flatnonzero(begins)
     duration_s = np.diff(np.append(start_s[first], end_s))
@@ -94,13 +87,7 @@ def noticed(
 def measure(
     odometer: Odometer, moves: OwnMoves, known: NDArray[np.float64], seed: int, run: int, robot: int
 ) -> None:
-    """Replace turns and rays by what the robot measures of them.
-
-    The moves may continue those of an earlier call.
-
-    Args:
-        known: mean and number of the biases that the robot has measured, and number of its moves so far; changed.
-    """
+    """Replace turns and rays by what the robot measures of them."""
     scale = odometer.scale * normal(seed, run, robot, ODOMETRY, FIRST, OF_SCALE)
     bias = odometer.bias_rad_s * normal(seed, run, robot, ODOMETRY, FIRST, OF_BIAS)
     for k in range(moves.kind.size):

@@ -17,7 +17,7 @@ from vibroswarm.core.jit import inlined, kernel, zero_rows
 from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.motion.control_step import NEVER_FAILS, ROBOT, Swarm, begin, load, place_on_lattice, store
 from vibroswarm.motion.event.trajectory import ticks_to_sample
-from vibroswarm.motion.motion_tables import END_ROW, Failure, Sink, joined, wrapped
+from vibroswarm.motion.motion_tables import END_ROW, Failure, Sink, wrapped
 from vibroswarm.motion.recorder import clear, drop_ended, empty_record, note_moves
 from vibroswarm.motion.robot_params import Setup, give_each, setup_of, speed_quantiles
 from vibroswarm.robot.walk import STOP, steered
@@ -130,19 +130,18 @@ class KernelRun(ABC):
             self.advance(min(earliest + 1, until), Sink(take_samples, sink.moves))
         return sampled
 
-    def moves_since(self, tick: int) -> NDArray[np.void]:
-        """Return a copy of the moves in the buffer that ended at ``tick`` or later, and of those under way."""
-        place = self.record.under_way["place"]
-        rows = joined([self.record.moves[: self.record.filled[1]]])
+    def moves_so_far(self) -> NDArray[np.void]:
+        """Return the moves in the buffer (``MOVE_ROW``), sorted by start and robot; those under way end now."""
+        rows, place = self.record.moves[: self.record.filled[1]], self.record.under_way["place"]
         if rows.size > 0:
             rows["until"][place] = self.tick
             rows["turned_rad"][place] = self.poses()[:, 2] - rows["heading_rad"][place]
-        return rows[rows["until"] >= tick]
+        return rows
 
     def finish(self, sink: Sink) -> NDArray[np.void]:
         """Pass on all moves that are left, as if they ended now; return the robots' present poses (``END_ROW``)."""
         if self.record.moves.size > 0:
-            sink.moves(self.moves_since(0))
+            sink.moves(self.moves_so_far())
         ends, poses = np.empty(self.swarm.size, dtype=END_ROW), self.poses()
         ends["run"], ends["robot"], ends["tick"] = self.run, np.arange(self.swarm.size), self.tick
         ends["x_m"], ends["y_m"], ends["heading_rad"] = poses[:, 0], poses[:, 1], wrapped(poses[:, 2])

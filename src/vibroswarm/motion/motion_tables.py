@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -10,8 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import kernel, zero_rows
-from vibroswarm.core.tables import Schema
+from vibroswarm.core.jit import kernel
 from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.robot.walk import AVOID, KINDS, TURN
 
@@ -72,13 +71,6 @@ ENDS: Final[dict[str, Any]] = {
 """Columns of the table ``ends`` and their types."""
 FAILURES: Final[dict[str, Any]] = {"run": pl.UInt32, "time_s": pl.Float64, "reason": pl.String}
 """Runs that failed: since when their robots stand, and why."""
-SCHEMAS: Final = {
-    "samples": Schema(MOTION),
-    "ends": Schema(ENDS, frozenset({"stop_start_s"})),  # a robot that does not stand has none
-    "moves": Schema(MOVES, frozenset({"ray_m"})),
-    "failures": Schema(FAILURES),
-}
-"""The tables of a ``Motion``, in its order."""
 
 SAMPLE_ROW = np.dtype(
     [("run", np.uint32), ("robot", np.uint16), ("sample", np.uint32)]
@@ -128,8 +120,6 @@ class Motion:
     """``FAILURES``; None if no run failed."""
 
 
-MoveColumns = tuple[NDArray[np.float64], NDArray[np.uint32]]
-"""Columns of moves: start to turn rate, angle turned and ray; and run, robot and kind."""
 Take = Callable[[Rows], None]
 """A function that receives new rows. They are overwritten later, so it must copy what it wants to keep."""
 
@@ -143,18 +133,41 @@ class Sink(NamedTuple):
     """Called with moves that have ended, ``MOVE_ROW``, in order of start and robot."""
 
 
+class Columns:
+    """Columns of rows, an array for each type of number; rows are converted while they are in the processor's cache."""
+
+    def __init__(self, fill: Callable[..., None], tick_ms: int, *arrays: NDArray[Any]) -> None:
+        self.fill, self.tick_ms, self.arrays, self.count = fill, tick_ms, list(arrays), 0
+
+    def take(self, rows: Rows) -> None:
+        """Append rows; the arrays grow twofold."""
+        end = self.count + rows.size
+        for k, array in enumerate(self.arrays if end > self.arrays[0].shape[1] else ()):
+            self.arrays[k] = np.empty((len(array), 2 * end), dtype=array.dtype)
+            self.arrays[k][:, : self.count] = array[:, : self.count]
+        self.fill(rows, *self.arrays, self.count, self.tick_ms)
+        self.count = end
+
+    def all(self) -> list[NDArray[Any]]:
+        """Return the columns, views of the arrays."""
+        return [column[: self.count] for array in self.arrays for column in array]
+
+
 class Collected:
     """The rows of runs, one run after the other, until they become tables."""
 
     def __init__(self, tick_ms: int) -> None:
         self.tick_ms = tick_ms
-        self.samples, self.moves, self.ends = list[Rows](), list[MoveColumns](), list[Rows]()
-        self.failures: list[Failure] = []
-        samples, moves = self.samples, self.moves  # a cycle through self would keep them for long
-        self.sink = Sink(
-            lambda rows: samples.append(joined([rows])),
-            lambda rows: moves.append(move_columns(rows, tick_ms)),
+        self.samples = Columns(
+            fill_samples,
+            tick_ms,
+            np.empty((3, 0), np.uint32),
+            np.empty((5, 0)),
+            np.empty((5, 0), np.float32),
         )
+        self.moves = Columns(fill_moves, tick_ms, np.empty((3, 0), np.uint32), np.empty((8, 0)))
+        self.sink = Sink(self.samples.take, self.moves.take)
+        self.ends, self.failures = list[Rows](), list[Failure]()
 
     def end(self, state: Any) -> None:
         """Take what is left of the present run of a ``source.MotionState``."""
@@ -164,14 +177,18 @@ class Collected:
 
     def samples_frame(self) -> pl.DataFrame:
         """Return the table of samples."""
-        return sample_frame(joined([zero_rows(0, SAMPLE_ROW), *self.samples]), self.tick_ms)
+        run, robot, *columns = self.samples.all()
+        # polars takes longer to change the type of ``robot``
+        return pl.DataFrame(
+            dict(zip(MOTION, (run, robot.astype(np.uint16), *columns), strict=True)), schema=MOTION
+        )
 
     def motion(self) -> Motion:
         """Return all rows as tables; there are moves if any were given."""
         return Motion(
             samples=self.samples_frame(),
             ends=end_frame(joined(self.ends), self.tick_ms),
-            moves=move_frame(self.moves) if self.moves else None,
+            moves=move_frame(self.moves) if self.moves.count else None,
             failures=pl.DataFrame(self.failures, schema=FAILURES, orient="row") if self.failures else None,
         )
 
@@ -195,10 +212,18 @@ def wrapped(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @kernel
-def fill_samples(rows: Rows, wide: NDArray[np.float64], narrow: NDArray[np.float32], tick_ms: int) -> None:
-    """Write the columns of samples: start of the stop, time and pose; and the times in each mode, and blocked."""
-    for k in range(rows.size):
-        row = rows[k]
+def fill_samples(
+    rows: Rows,
+    numbers: NDArray[np.uint32],
+    wide: NDArray[np.float64],
+    narrow: NDArray[np.float32],
+    first: int,
+    tick_ms: int,
+) -> None:
+    """Write the columns of samples from ``first`` on: run, robot, sample; times, pose; times in each mode, blocked."""
+    for n in range(rows.size):
+        row, k = rows[n], first + n
+        numbers[0, k], numbers[1, k], numbers[2, k] = row.run, row.robot, row.sample
         wide[0, k], wide[1, k] = row.stop_tick * tick_ms / 1000.0, row.tick * tick_ms / 1000.0
         wide[2, k], wide[3, k], wide[4, k] = row.x_m, row.y_m, row.heading_rad
         narrow[0, k], narrow[1, k] = row.drive * tick_ms / 1000.0, row.turn * tick_ms / 1000.0
@@ -206,25 +231,21 @@ def fill_samples(rows: Rows, wide: NDArray[np.float64], narrow: NDArray[np.float
         narrow[4, k] = row.blocked * tick_ms / 1000.0
 
 
-def sample_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
-    """Return samples as a table; they must be in the order of run, time, robot."""
-    wide, narrow = np.empty((5, rows.size)), np.empty((5, rows.size), dtype=np.float32)
-    fill_samples(rows, wide, narrow, tick_ms)
-    return _frame(dict(zip(list(MOTION)[3:], (*wide, *narrow), strict=True)), rows, MOTION)
-
-
 def end_frame(rows: Rows, tick_ms: int) -> pl.DataFrame:
     """Return the table ``ends``; robots that hear messages (``stop_tick`` -1) have no ``stop_start_s``."""
     stop_s = np.where(rows["stop_tick"] >= 0, seconds(rows["stop_tick"], tick_ms), np.nan)
-    columns = {"end_s": seconds(rows["tick"], tick_ms), "stop_start_s": pl.Series(stop_s, nan_to_null=True)}
-    return _frame(columns, rows, ENDS)
+    run, robot, *pose = (rows[name].copy() for name in ("run", "robot", "x_m", "y_m", "heading_rad"))
+    columns = [run, robot, seconds(rows["tick"], tick_ms), *pose, pl.Series(stop_s, nan_to_null=True)]
+    return pl.DataFrame(dict(zip(ENDS, columns, strict=True)), schema=ENDS)
 
 
 @kernel
-def fill_moves(rows: Rows, columns: NDArray[np.float64], kinds: NDArray[np.uint32], tick_ms: int) -> None:
-    """Write the columns of moves: times, poses, rates and distances; and run, robot and kind."""
-    for k in range(rows.size):
-        row = rows[k]
+def fill_moves(
+    rows: Rows, kinds: NDArray[np.uint32], columns: NDArray[np.float64], first: int, tick_ms: int
+) -> None:
+    """Write the columns of moves from ``first`` on: run, robot, kind; start, pose, rates, angle turned, ray."""
+    for n in range(rows.size):
+        row, k = rows[n], first + n
         speed_m_s, rate_rad_s = row.speed_m_s, row.rate_rad_s
         if row.kind == TURN or row.kind == AVOID:
             # The row of a turn holds the circle's radius instead of the speed, and 0 if the turn is blocked.
@@ -236,26 +257,9 @@ def fill_moves(rows: Rows, columns: NDArray[np.float64], kinds: NDArray[np.uint3
         kinds[0, k], kinds[1, k], kinds[2, k] = row.run, row.robot, row.kind
 
 
-def move_columns(rows: Rows, tick_ms: int) -> MoveColumns:
-    """Return moves that have ended by columns: rows are converted while they are in the processor's cache."""
-    columns = np.empty((8, rows.size)), np.empty((3, rows.size), dtype=np.uint32)
-    fill_moves(rows, *columns, tick_ms)
-    return columns
-
-
-def move_frame(moves: Sequence[MoveColumns]) -> pl.DataFrame:
+def move_frame(moves: Columns) -> pl.DataFrame:
     """Return moves as a table; they must be in the order of run, start, robot."""
-    numbers, (run, robot, kind) = (np.concatenate(parts, axis=1) for parts in zip(*moves, strict=True))
+    run, robot, kind, *columns, turned_rad, ray_m = moves.all()
     kinds = pl.Series(KINDS, dtype=KIND).gather(kind)
-    *columns, turned_rad, ray_m = numbers
-    frame = [run, robot, *columns, kinds, turned_rad, pl.Series(ray_m, nan_to_null=True)]
+    frame = [run, robot.astype(np.uint16), *columns, kinds, turned_rad, pl.Series(ray_m, nan_to_null=True)]
     return pl.DataFrame(dict(zip(MOVES, frame, strict=True)), schema=MOVES)
-
-
-def _frame(columns: Mapping[str, Any], rows: Rows, schema: Mapping[str, Any]) -> pl.DataFrame:
-    """Return a table of these columns, and of the fields of rows for those that are not given."""
-    # ``copy`` makes a field of the rows a contiguous column.
-    return pl.DataFrame(
-        {name: columns[name] if name in columns else rows[name].copy() for name in schema},
-        schema=dict(schema),
-    )

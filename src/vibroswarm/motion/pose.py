@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.core.angles import wrapped
+from vibroswarm.core.arrays import wrapped
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError
 from vibroswarm.motion.motion_tables import POSES

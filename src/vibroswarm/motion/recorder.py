@@ -136,11 +136,11 @@ def drop_ended(
     """Remove all rows before the oldest move under way; return the buffer, enlarged if it stays half full."""
     first, count = int(under_way["place"].min()), int(filled[1])
     rest = moves[first:count]
-    larger = zero_rows(moves.size if 2 * rest.size <= moves.size else 2 * moves.size, MOVE_ROW)
-    larger.view(np.uint8)[: rest.nbytes] = rest.view(np.uint8)  # many times faster than rows with fields
+    room = moves if 2 * rest.size <= moves.size else zero_rows(2 * moves.size, MOVE_ROW)
+    room.view(np.uint8)[: rest.nbytes] = rest.view(np.uint8)  # many times faster than rows with fields
     under_way["place"] -= first
     filled[1] = count - first
-    return larger
+    return room
 
 
 SAMPLE_TICKS = 2048

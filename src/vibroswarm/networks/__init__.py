@@ -6,9 +6,7 @@ from vibroswarm.networks import (  # noqa: F401  (these register themselves)
     bursts,
     delay,
     disc,
-    ideal,
     loss,
-    loss_by_size,
     tree,
 )
 from vibroswarm.networks.base import Network, known, names, network, register

@@ -67,14 +67,7 @@ def send(
     n: Any, a: Any, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any,
     arrival_tick: Any, d: Draws, p: Any, w: World,
 ) -> None:  # fmt: skip
-    """Advance each receiver's state to ``tick``; receivers that do not lose the message can read it at the next tick.
-
-    Args:
-        a: states of the receivers, changed. tick: when the message is sent. arrival_tick: (robots,): -1 (never) before
-            the call; written for those that receive the message. The sender's own entry is treated like the others, but
-            ignored. d: source of uniform numbers, three per receiver.
-        p: parameters. w: the world. The other arguments of the protocol (``networks.base``) are not used.
-    """
+    """Advance each receiver's state to ``tick``; a message that is not lost can be read at the next tick."""
     tau_s = p.bad_s * (1.0 - p.bad_share)
     for j in range(arrival_tick.size):
         # The receiver's state is redrawn at its first message, and later with a probability that grows with the time

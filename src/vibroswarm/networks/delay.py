@@ -46,13 +46,7 @@ def send(
     n: Any, a: Any, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any,
     arrival_tick: Any, d: Draws, p: Any, w: World,
 ) -> None:  # fmt: skip
-    """Write, for each robot, the first tick at which the message's delay is over.
-
-    Args:
-        tick: when the message is sent. arrival_tick: (robots,): overwritten, with the sender's own entry, which is
-            ignored. d: source of uniform numbers, one per receiver. p: parameters. w: the world. The other arguments of
-            the protocol (``networks.base``) are not used.
-    """
+    """Write, for each robot, the first tick at which the message's delay is over."""
     for j in range(arrival_tick.size):
         delay_s = p.fixed_s
         if p.random_s > 0.0:

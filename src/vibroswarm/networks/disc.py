@@ -35,14 +35,7 @@ def send(
     n: Any, a: Any, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any,
     arrival_tick: Any, d: Draws, p: Any, w: World,
 ) -> None:  # fmt: skip
-    """Let the robots within range read the message at the next tick.
-
-    Args:
-        sender: index of the sending robot. tick: when the message is sent. x_m, y_m: (robots,): positions then, m.
-        arrival_tick: (robots,): -1 (never) before the call; written for the robots within range. The sender is always
-            in range, but its own entry is ignored.
-        p: parameters. The other arguments of the protocol (``networks.base``) are not used.
-    """
+    """Let the robots within range read the message at the next tick."""
     x_s, y_s, r2 = x_m[sender], y_m[sender], p.range_m * p.range_m
     for j in range(arrival_tick.size):
         if (x_m[j] - x_s) ** 2 + (y_m[j] - y_s) ** 2 <= r2:

@@ -92,10 +92,7 @@ class Arrays:
 
 
 def parent_of(robot: int) -> int:
-    """Return the parent of a robot in a tree that is filled level by level; BASE for the first five robots.
-
-    Consecutive robots of a level get different parents, so that they are spread evenly over the nodes above.
-    """
+    """Return the parent of a robot in a tree that is filled level by level; BASE for the first five robots."""
     # first, size: first robot and number of robots of a level. above: first robot of the level above it, which has
     # size // CHILDREN nodes.
     first, size, above = 0, CHILDREN, 0
@@ -107,11 +104,7 @@ def parent_of(robot: int) -> int:
 
 
 def next_node(node: int, goal: int) -> int:
-    """Return the node after ``node`` on the path from ``node`` to ``goal``.
-
-    If the goal is below ``node`` in the tree, this is the child of ``node`` that leads to it, or the goal itself. If
-    not, it is the parent of ``node``.
-    """
+    """Return the node after ``node`` on the path from ``node`` to ``goal``."""
     below = goal  # go up from the goal until a child of ``node`` or the base is reached
     while below != BASE and parent_of(below) != node:
         below = parent_of(below)
@@ -132,16 +125,7 @@ def occupy(a: Any, node: int, until_ms: float) -> None:
 
 
 def pass_on(a: Any, sender: int, goal: int, begin_ms: float, hop_ms: float, retry_ms: float) -> float:
-    """Send a message along its path, and set the times until which the nodes of the path are busy with it.
-
-    Args:
-        a: the network's arrays, changed. sender, goal: numbers of the first and of the last node. begin_ms: time at
-            which the message is ready to be sent. hop_ms: time that a hop takes. retry_ms: longest time that a message
-            waits for a busy node before a hop.
-    Returns: the time at which the message arrives, ms. If the message is lost at a busy node, the result is the time at
-        which it is lost, with a negative sign. The sign distinguishes the cases because all times are above 0: ``send``
-        begins at a random time within a control period, never at its start.
-    """
+    """Send a message along its path, and set the times until which the nodes of the path are busy with it."""
     time_ms, node = begin_ms, sender
     while node != goal:
         following = next_node(node, goal)
@@ -160,14 +144,7 @@ def send(
     n: Any, a: Any, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any,
     arrival_tick: Any, d: Draws, p: Any, w: World,
 ) -> None:  # fmt: skip
-    """Send the message to one robot after another, then the robot's log to the base.
-
-    Args:
-        a: arrays, changed. sender: index of the sending robot. tick: when the message is sent.
-        bytes_on_air: length of the strategy's messages. arrival_tick: (robots,): -1 (never) before the call; written
-            for the robots that receive the message (the sender's entry is ignored). d: source of uniform numbers.
-        p: parameters. w: the world. The other arguments of the protocol (``networks.base``) are not used.
-    """
+    """Send the message to one robot after another, then the robot's log to the base."""
     size = p.message_bytes if p.message_bytes > 0 else bytes_on_air
     hop_ms = p.frame_ms * ((size + FRAME_BYTES - 1) // FRAME_BYTES)  # frames are rounded up
     log_ms = p.frame_ms * ((p.log_bytes + FRAME_BYTES - 1) // FRAME_BYTES)

@@ -59,14 +59,7 @@ class SensedShares(NamedTuple):
 
 
 def readings_boundary(scenario: Scenario) -> float:
-    """Return the share of ones that robots test their readings against, in (0, 1).
-
-    It is x if ``decision.boundary_of`` is "readings", and q(x) if it is "tiles".
-
-    Raises:
-        InputError: ``boundary_of`` is "tiles", and the assumed error rates sum to 1 or more, edges reach over too many
-            tiles, or the strategy's feedback needs a boundary of 1/2 and q(x) is not 1/2.
-    """
+    """Return the share of ones to test against, in (0, 1): x if ``boundary_of`` is "readings", q(x) if "tiles"."""
     decision = scenario.decision
     if decision.boundary_of == "readings":
         return decision.decision_boundary
@@ -82,35 +75,21 @@ def readings_boundary(scenario: Scenario) -> float:
 
 
 def expected_ones(scenario: Scenario, fill_ratio: float) -> float:
-    """Return q: the share of ones expected on random floors of this fill ratio, by the sensor's true error rates.
-
-    Args:
-        scenario: its sensor, its grid of tiles and its arena are used.
-    Raises:
-        InputError: edges reach over too many tiles.
-    """
+    """Return q: the share of ones expected on random floors of this fill ratio, by the sensor's true error rates."""
     geometry = geometry_of(scenario)
     sensed = mean_sensed_shares(scenario.sensor, geometry, scenario.arena.size_m, fill_ratio)
     return _ones(scenario.sensor, place_at(geometry), sensed)
 
 
 def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
-    """Return the expected share of ones among samples at uniformly random places of an arena with this floor.
-
-    Args:
-        size: width and height of the arena, m.
-    """
+    """Return the expected share of ones among samples at uniformly random places of an arena with this floor."""
     if max(sensor.kinds, sensor.readings) > 2 or floor.has_contrasts or floor.patches:
         return float(expected_classes_on(sensor, floor, size)[1])
     return _ones(sensor, place_of(floor), sensed_shares_on(sensor, floor, size))
 
 
 def expected_classes_on(sensor: Sensor, floor: Floor, size: Size) -> NDArray[np.float64]:
-    """Return the expected share of each class among samples at uniformly random places, without edges, (classes,).
-
-    Args:
-        size: width and height of the arena, m, with this floor.
-    """
+    """Return the expected share of each class among samples at uniformly random places, without edges, (classes,)."""
     tiled, (levels, share) = tiled_share(floor.geometry, size), floor.level_shares(*size)
     known, level = np.unique(levels, return_inverse=True)
     by_level = rates(sensor, place_of(floor), known)
@@ -119,11 +98,7 @@ def expected_classes_on(sensor: Sensor, floor: Floor, size: Size) -> NDArray[np.
 
 
 def sensed_shares_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID) -> SensedShares:
-    """Return the shares of an arena's area that vibrate and that are sensed as vibrating, for one floor.
-
-    Args:
-        size: width and height of the arena, m. grid: number of points along a tile's side, as ``GRID``.
-    """
+    """Return the shares of an arena's area that vibrate and that are sensed as vibrating, for one floor."""
     return _sensed_shares(sensor, floor.geometry, size, floor.fill_ratio_within(*size), grid, floor.tiles)
 
 
@@ -131,16 +106,7 @@ def sensed_shares_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID)
 def mean_sensed_shares(
     sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float, grid: int = GRID
 ) -> SensedShares:
-    """Return the mean shares of an arena's area that vibrate and are sensed so, over random floors of a fill ratio.
-
-    They are cached, as their computation takes long.
-
-    Args:
-        geometry: grid of the floors, as ``Floor.geometry``. size: width and height of the arena, m.
-        grid: number of points along a tile's side, as ``GRID``.
-    Raises:
-        InputError: edges reach over too many tiles.
-    """
+    """Return the mean shares of an arena's area that vibrate and are sensed so, over random floors of a fill ratio."""
     return _sensed_shares(sensor, geometry, size, fill_ratio, grid, None)
 
 
@@ -176,11 +142,7 @@ def _sensed_shares(
 
 
 def tiled_share(geometry: Geometry, size: Size) -> float:
-    """Return the share of the arena's area that lies on tiles.
-
-    Args:
-        geometry: as ``Floor.geometry``. size: width and height of the arena, m, whose lower left corner is (0, 0).
-    """
+    """Return the share of the arena's area that lies on tiles."""
     rows, columns, tile_width, tile_height, left, bottom = geometry
     across = min(left + columns * tile_width, size[0]) - max(left, 0.0)
     up = min(bottom + rows * tile_height, size[1]) - max(bottom, 0.0)
@@ -189,14 +151,7 @@ def tiled_share(geometry: Geometry, size: Size) -> float:
 
 
 def _expected_at(scenario: Scenario) -> float:
-    """Return q(x), the boundary of readings, by the error rates that robots assume.
-
-    A rate that the scenario does not give is the one that the sensor claims: the mean over uniformly random places on
-    random floors of fill ratio x, which includes the effect of edges.
-
-    Raises:
-        InputError: the rates sum to 1 or more, or edges reach over too many tiles.
-    """
+    """Return q(x) by the assumed rates; a rate not given is the one claimed, with edges, over random floors."""
     sensor, decision = scenario.sensor, scenario.decision
     sensed = mean_sensed_shares(
         sensor, geometry_of(scenario), scenario.arena.size_m, decision.decision_boundary
@@ -223,11 +178,7 @@ def _expected_at(scenario: Scenario) -> float:
 
 
 def _ones(sensor: Sensor, place: Place, sensed: SensedShares) -> float:
-    """Return q, the share of ones expected by the sensor's true error rates.
-
-    The bit is 1 if the place is sensed as vibrating and the bit is no false negative, or if the place is sensed as
-    still and the bit is a false positive.
-    """
+    """Return q, the share of ones expected by the sensor's true error rates."""
     a, b = error_rates(sensor, place)
     share = sensed.detected + sensed.spillover  # h
     return share * (1.0 - b) + (1.0 - share) * a
@@ -257,19 +208,7 @@ of tiles in which it lies, -1 beside the floor."""
 def _points(
     count: int, size_m: float, first_m: float, arena_m: float, within_m: float, grid: int, every: bool = False
 ) -> Points:
-    """Return the points along one side of the arena at which sensing is computed.
-
-    The points are midpoints of small intervals. Farther than ``within_m`` from the floor nothing is sensed, so no
-    points lie there.
-
-    Args:
-        count: number of lanes (columns along x, rows along y), which are counted from the lower end. size_m: width of a
-            lane. first_m: coordinate at which the first lane begins. arena_m: length of the arena's side. within_m:
-            distance up to which an edge is sensed. grid: number of points along a tile's side, as ``GRID``.
-        every: whether all lanes have points. If false, the inner lanes, from which the floor's outer edge is out of
-            reach, are represented by the first of them: in the mean over random floors they are all equal. The lengths
-            of its points are multiplied by the number of inner lanes.
-    """
+    """Return the points along one side of the arena at which sensing is computed."""
     reach_tiles = int(np.ceil(within_m / size_m))
     lows_m = [first_m + number * size_m for number in range(count)]
     highs_m = [first_m + (number + 1) * size_m for number in range(count)]
@@ -298,10 +237,7 @@ def _points(
 
 
 def _within_lane(low: float, high: float, within_m: float, grid: int) -> list[tuple[float, float, int]]:
-    """Return the parts of a lane, each with its number of points.
-
-    Farther than ``within_m`` from both sides of the lane no edge is sensed, so one point represents all places there.
-    """
+    """Return the parts of a lane, each with its number of points."""
     if high - low <= 2 * within_m:
         return [(low, high, grid)]
     near, far = low + within_m, high - within_m
@@ -321,15 +257,7 @@ def _sensed_areas(
     reach_m: float,
     blur_m: float,
 ) -> tuple[float, float]:
-    """Return the areas sensed as vibrating with one floor, m2: on vibrating tiles, and on still tiles or no tile.
-
-    Each point counts with its area times the probability that a sample there senses vibration.
-
-    Args:
-        x_m, x_length_m, column: the three arrays of ``Points`` along x; ``column`` holds the lanes.
-        y_m, y_length_m, lane: the same along y; ``lane`` counts rows from below, while ``tiles`` has the top row first.
-        place: grid and position of the floor. tiles: (tiles,) of 0 and 1. reach_m, blur_m: reach and blur of edges.
-    """
+    """Return the areas sensed as vibrating with one floor, m2: on vibrating tiles, and on still tiles or no tile."""
     detected = spillover = 0.0
     for j in range(y_m.size):
         for i in range(x_m.size):
@@ -359,14 +287,7 @@ def _mean_sensed_areas(
     blur_m: float,
     within_m: float,
 ) -> tuple[float, float]:
-    """Return the mean of ``_sensed_areas`` over all placements of ``vibrating`` vibrating tiles on the grid.
-
-    Args:
-        x_m, x_length_m, column: the three arrays of ``Points`` along x; ``column`` holds the lanes.
-        y_m, y_length_m, lane: the same along y; ``lane`` counts rows from below. place: grid and position of the floor.
-        vibrating: number of vibrating tiles, which need not be whole. reach_m, blur_m: reach and blur of edges.
-        within_m: distance up to which an edge is sensed.
-    """
+    """Return the mean of ``_sensed_areas`` over all placements of ``vibrating`` vibrating tiles on the grid."""
     tiles = float(place.rows * place.columns)
     detected = spillover = 0.0
     distance = np.empty(MAX_NEIGHBOURS)
@@ -397,13 +318,7 @@ def _mean_sensed_areas(
 def _distances(
     x_m: float, y_m: float, row: int, column: int, within_m: float, place: Place, out: NDArray[np.float64]
 ) -> int:
-    """Write the distances from a place to the tiles within ``within_m``, in increasing order; return their number.
-
-    Args:
-        row, column: of the tile below the place, which is left out; -1: no tile is below. place: grid and position of
-            the floor. out: (MAX_NEIGHBOURS,): overwritten from its beginning; ``mean_sensed_shares`` has checked that
-            it is long enough.
-    """
+    """Write the distances from a place to the tiles within ``within_m``, in increasing order; return their number."""
     count = 0
     first_column, last_column, first_row, last_row = tiles_around(x_m, y_m, within_m, place)
     for r in range(first_row, last_row + 1):
@@ -438,18 +353,7 @@ def _mean_probability(
     blur_m: float,
     sign: float,
 ) -> float:
-    """Return the probability that a sample at a place senses vibration, averaged over the placements of tiles.
-
-    It depends on the distance of the nearest tile of the other kind, that is, of another kind than the tile below the
-    place (a place on no tile counts as still). If no tile near the place is of the other kind, the probability is 1 on
-    a vibrating tile, else 0.
-
-    Args:
-        distance: increasing distances from the place to the tiles near it, m; only the first ``near`` entries are used.
-        near: number of tiles near the place. other_kind: number of tiles of the other kind among ``tiles`` tiles, which
-            are all tiles except the one below. reach_m, blur_m: reach and blur of edges. sign: 1 if a vibrating tile is
-            below the place, else -1.
-    """
+    """Return the probability to sense vibration at a place, by the distance of the nearest tile of the other kind."""
     total, none_before = 0.0, 1.0  # none_before: probability that no nearer tile is of the other kind
     for k in range(near):
         # is_other: probability that this tile is of the other kind if the k nearer tiles are not: all ``other_kind``

@@ -65,11 +65,7 @@ class Response(NamedTuple):
 
 @inner
 def tiles_around(x_m: float, y_m: float, within_m: float, place: Place) -> tuple[int, int, int, int]:
-    """Return the first and last column, and the first and last row, of a floor that a square around a point touches.
-
-    Args:
-        within_m: half of the square's side. place: grid and position of the floor.
-    """
+    """Return the first and last column, and the first and last row, of a floor that a square around a point touches."""
     return (
         max(int(np.floor((x_m - within_m - place.left_m) / place.width_m)), 0),
         min(int(np.floor((x_m + within_m - place.left_m) / place.width_m)), place.columns - 1),
@@ -82,14 +78,7 @@ def tiles_around(x_m: float, y_m: float, within_m: float, place: Place) -> tuple
 def nearest_of_kind(
     x_m: float, y_m: float, kind: int, within_m: float, place: Place, tiles: NDArray[np.uint8]
 ) -> tuple[int, float]:
-    """Return the index of the tile of a kind that is nearest to a point, and its distance from the point, m.
-
-    Of several tiles at the same distance, the one with the lowest index is returned.
-
-    Args:
-        kind: 1 vibrating, 0 still. within_m: distance up to which tiles are searched. tiles: (tiles,) of 0 and 1.
-    Returns: (-1, inf) if there is no tile of this kind within ``within_m``.
-    """
+    """Return the index (the lowest of several) of the nearest tile of a kind, and its distance, m; -1 and inf: none."""
     best, tile = np.inf, -1
     first_column, last_column, first_row, last_row = tiles_around(x_m, y_m, within_m, place)
     for row in range(first_row, last_row + 1):
@@ -113,14 +102,7 @@ def nearest_of_kind(
 def vibration_probability(
     x_m: float, y_m: float, at: int, place: Place, tiles: NDArray[np.uint8], reach_m: float, blur_m: float
 ) -> tuple[float, int]:
-    """Return the probability that a sample at a point senses vibration, and the tile beyond the nearest edge.
-
-    Args:
-        at: index of the tile below, -1: none. place, tiles: position and tiles of the floor. reach_m, blur_m: reach and
-            blur of edges (``Response``).
-    Returns: the probability; the index of the nearest tile of the other kind than the tile below, or -1 if no such tile
-        is near enough to be sensed.
-    """
+    """Return the probability that a sample at a point senses vibration, and the tile beyond the nearest edge."""
     past_m, edge_tile = past_edge(x_m, y_m, at, place, tiles, reach_m, blur_m)
     if edge_tile < 0:
         return (1.0 if at >= 0 and tiles[at] == 1 else 0.0), edge_tile
@@ -135,13 +117,6 @@ def past_edge(
 
     This region consists of the vibrating tiles, grown by ``reach_m`` across the edges to still tiles (shrunk if it is
     negative). The floor's outer edge counts only for points on no tile, where a vibrating tile is near.
-
-    Args:
-        at: index of the tile below, -1: none. place, tiles: position and tiles of the floor. reach_m, blur_m: reach and
-            blur of edges (``Response``).
-    Returns: ``reach_m`` plus (on a vibrating tile) or minus (elsewhere) the distance to the nearest tile of the other
-        kind than the tile below, m: negative outside the region; the index of that nearest tile. If no such tile is
-        near enough to be sensed, the results are inf on a vibrating tile or -inf elsewhere, and -1.
     """
     on_vibrating = at >= 0 and tiles[at] == 1
     within_m = abs(reach_m) + FAR * blur_m
@@ -151,12 +126,7 @@ def past_edge(
 
 @kernel
 def share_past(past_m: float, blur_m: float) -> float:
-    """Return the probability that a sample senses vibration: Phi(past_m / blur_m).
-
-    Args:
-        past_m: how far the sample lies inside the region that is mostly sensed as vibrating, m; negative outside.
-        blur_m: blur of edges, m; 0: the transition is sharp.
-    """
+    """Return the probability that a sample senses vibration: Phi(past_m / blur_m)."""
     if blur_m > 0.0:
         return 0.5 * math.erfc(-past_m / blur_m * math.sqrt(0.5))
     return 1.0 if past_m > 0.0 else 0.0
@@ -167,12 +137,7 @@ def sensed_tile(
     x_m: float, y_m: float, at: int, place: Place, tiles: NDArray[np.uint8], response: Response,
     seed: int, run: int, robot: int, sample: int,
 ) -> int:  # fmt: skip
-    """Return the index of the tile that a sample senses: the one below or, near an edge, the nearest of the other kind.
-
-    Args:
-        at: index of the tile below, -1: none. place, tiles: position and tiles of the floor. response: of the sensors.
-        seed, run, robot, sample: address of the sample's random numbers.
-    """
+    """Return the index of the tile that a sample senses: the one below or, near an edge, the nearest other one."""
     if not response.edges:
         return at
     past_m, edge_tile = past_edge(x_m, y_m, at, place, tiles, response.reach_m, response.blur_m)
@@ -194,13 +159,7 @@ def patched_kind(
     robot: int,
     sample: int,
 ) -> int:
-    """Return the kind of the patch that a sample senses; ``kind``, that of the tile, if it senses none.
-
-    Near the edge of a patch a sample senses it with the probability of edges of tiles (``share_past``).
-
-    Args:
-        seed, run, robot, sample: address of the sample's numbers.
-    """
+    """Return the kind of the patch that a sample senses; ``kind``, that of the tile, if it senses none."""
     for k in range(response.patches.shape[0]):
         patch = response.patches[k]
         beyond = edge_distance(abs(x_m - patch[0]), abs(y_m - patch[1]), patch[2], patch[3], patch[4] > 0.0)
@@ -216,11 +175,7 @@ def patched_kind(
 
 @kernel
 def factor_row(response: Response, robot: int, sensed: int) -> int:
-    """Return the index of the row of ``response.factors`` and ``shares_below`` that a sample uses.
-
-    Args:
-        robot: number of the robot. sensed: index of the tile that is sensed, -1: none.
-    """
+    """Return the index of the row of ``response.factors`` and ``shares_below`` that a sample uses."""
     row = robot * response.per_robot if response.robots_differ else 0  # each robot has a block of rows
     # if tiles differ, the first row of a block is that of no tile, -1
     return row + sensed + 1 if response.per_robot > 1 else row
@@ -242,11 +197,7 @@ def index_of(level: ArrayLike, levels: NDArray[np.float64]) -> NDArray[np.uint8]
 def response_of(
     scenario: Scenario, seed: int, run: int, floor: Floor, levels: NDArray[np.float64]
 ) -> Response:
-    """Return the response of the sensors in a run on its floor.
-
-    Args:
-        levels: of the floors of all runs (``levels_on``).
-    """
+    """Return the response of the sensors in a run on its floor."""
     sensor = scenario.sensor
     # With redraw = "study" all runs use the floor of run 0, with that floor's factors. With redraw = "run" each run
     # draws its own factors, even if the floor's tiles are fixed.
@@ -274,14 +225,8 @@ def _factors_and_shares(
     sensor: Sensor, model: SensorModel, levels: tuple[float, ...], seed: int, run: int, of_floor: int, tiles: int,
     robots: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
-    """Return ``Response.factors`` and ``shares_below`` of a run; cached, as cells share them.
-
-    There is a block of factors for each robot, or a single block if robots do not differ. A block has the factor of
-    places on no tile, which is the robot's own, and then a factor for each tile; if tiles do not differ, it has the
-    first one only.
-
-    Args:
-        of_floor: the run whose factors of tiles it has.
+    """Return factors and shares of a run: a block a robot, of no tile first, then each tile; cached, as cells share
+    them.
     """
     of_tile, of_robot = np.ones(1), np.ones(1)
     if sensor.tile_spread is not None:

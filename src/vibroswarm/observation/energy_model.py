@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm import sensors
-from vibroswarm.core.elementary import exp, log
-from vibroswarm.core.quadrature import over_normal
+from vibroswarm.core.elementary import exp, log, over_normal
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Place
 from vibroswarm.scenario.fields import Sensor
@@ -35,11 +34,7 @@ from vibroswarm.sensors import SensorModel
 
 
 def model_of(sensor: Sensor) -> SensorModel:
-    """Return the sensor that a scenario's section selects.
-
-    Raises:
-        InputError: it is a user's, and its file is not loaded.
-    """
+    """Return the sensor that a scenario's section selects."""
     return sensors.sensor(sensor.model)
 
 
@@ -60,15 +55,7 @@ def shares_below(
     levels: NDArray[np.float64] | None = None,
     place: Place | None = None,
 ) -> NDArray[np.float64]:
-    """Return the share of samples at each level that read as each class or a lower one.
-
-    The reading of a sample with the uniform number u is the number of these shares below u.
-
-    Args:
-        factors: (rows,): factors that the values are multiplied by. levels: kinds, then contrasts; None: the sensor's
-            kinds. place: the grid.
-    Returns: (rows, levels, classes - 1), rising along the last axis; for two kinds and classes F(theta_E) of both.
-    """
+    """Return the shares at each level that read as each class or lower, (rows, levels, classes - 1), rising."""
     model, p = model_of(sensor), _params(sensor, place)
     every = np.arange(float(sensor.kinds)) if levels is None else levels
     kinds, contrasts = every[every % 1.0 == 0.0].astype(np.int64).tolist(), every[every % 1.0 > 0.0]
@@ -90,27 +77,14 @@ def _params(sensor: Sensor, place: Place | None) -> Any:
 def rates(
     sensor: Sensor, place: Place | None = None, levels: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Return the probability that a sample at each level reads as each class, (levels, classes).
-
-    If tiles or robots differ, these are means over the distributions of their factors. They do not include the effect
-    of edges, which depends on the floor (``decision_boundary.sensed_shares_on``).
-
-    Args:
-        levels: kinds, then contrasts; None: the sensor's kinds.
-    """
+    """Return the probability that a sample at each level reads as each class, (levels, classes), away from edges."""
     factors, weights = typical_factors(sensor) if factors_differ(sensor) else (NO_FACTORS, NO_FACTORS)
     shares = shares_below(sensor, factors, levels, place)
     return np.diff((weights[:, None, None] * shares).sum(axis=0), axis=1, prepend=0.0, append=1.0)
 
 
 def error_rates(sensor: Sensor, place: Place | None = None) -> tuple[float, float]:
-    """Return the probabilities that a still tile reads as vibrating, and that a vibrating tile reads as still.
-
-    See ``rates``.
-
-    Raises:
-        InputError: the sensor has more than two kinds or classes.
-    """
+    """Return the probabilities of a false positive and a false negative (``rates``)."""
     return _of_two(sensor, rates(sensor, place))
 
 
@@ -121,12 +95,7 @@ def _of_two(sensor: Sensor, known: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def claimed_rates(sensor: Sensor, place: Place | None = None) -> NDArray[np.float64]:
-    """Return the probability that a sample on each kind of tile reads as each class, as robots believe.
-
-    It is ``sensor.claimed_rates``; else they know the true ones.
-
-    Returns: (kinds, classes).
-    """
+    """Return ``rates`` as robots believe them: ``sensor.claimed_rates``, else the true ones."""
     return rates(sensor, place) if sensor.claimed_rates is None else np.array(sensor.claimed_rates)
 
 
@@ -161,12 +130,7 @@ def energies_of(
     factors: NDArray[np.float64] | None = None,
     levels: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float32]:
-    """Return what each sample measures, (samples,): the quantile, at its uniform number, of its level's law.
-
-    Args:
-        kind: (samples,): the index of the level sensed. u: (samples,): uniform numbers in (0, 1). factors: (samples,):
-            factors of the values; None: all 1. levels: as in ``shares_below``.
-    """
+    """Return what each sample measures, (samples,): the quantile, at its uniform number, of its level's law."""
     energy = np.empty(u.size, dtype=np.float32)
     for k, level in enumerate(range(sensor.kinds) if levels is None else levels.tolist()):
         energy[kind == k] = energy_of(sensor, level, u[kind == k])
@@ -178,11 +142,7 @@ NODES = 33
 
 
 def typical_factors(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return factors and weights, (NODES,) each, for means over all tiles and robots (Gauss-Hermite quadrature).
-
-    The mean of a function of the factor is the sum of weight times the function's value at the factor. A factor is the
-    product of a tile's and a robot's own, which have mean 1.
-    """
+    """Return factors of tile times robot, and weights, (NODES,), for means over both (Gauss-Hermite quadrature)."""
     # The logarithms of a tile's and a robot's factor are normal, so their variances add up.
     spread = math.hypot(sensor.tile_spread or 0.0, sensor.robot_spread or 0.0)
     nodes, weights = over_normal(NODES)
@@ -197,13 +157,7 @@ MOST: Final = 8.0
 def log_ratios(
     sensor: Sensor, observation: NDArray[np.uint8], energy: NDArray[np.float32], place: Place | None = None
 ) -> NDArray[np.float64]:
-    """Return the log ratio L of each sample, (samples,): L of its energy or, if a fault changed the bit, L of its bit.
-
-    Args:
-        observation, energy: (samples,): bit and energy of each sample; of a sensor that measures at each place all
-            numbers, (samples, numbers). The bit contradicts the energy (it is not the one that the sensor reads from
-            it) only if a fault changed it. place: the grid.
-    """
+    """Return L of each sample, (samples,): of its energy or, if a fault changed the bit, of its bit."""
     without_fault = readings_of(sensor, energy)  # in the precision of the table
     return np.where(
         without_fault == observation,
@@ -218,11 +172,7 @@ def readings_of(sensor: Sensor, energy: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _values(sensor: Sensor, energy: NDArray[Any]) -> NDArray[Any]:
-    """Return values as the functions of the sensor take them: energies or, of ``sense``, rows of all numbers.
-
-    Args:
-        energy: (samples,), or (samples, numbers). Numbers beyond the energy that are not known become nan.
-    """
+    """Return values as the functions of the sensor take them: energies or, of ``sense``, rows of all numbers."""
     model = model_of(sensor)
     if model.sense is None or energy.ndim == 2:
         return energy
@@ -251,13 +201,7 @@ def log_ratios_of_bits(
 def log_ratios_of_classes(
     sensor: Sensor, reading: NDArray[Any], kind: int | None = None, place: Place | None = None
 ) -> NDArray[np.float64]:
-    """Return ln of the probability of each reading on a kind of tile over that on kind 0, limited to +-``MOST``.
-
-    The probabilities are those that robots claim.
-
-    Args:
-        reading: classes. kind: None: any kind but 0, all alike. place: the grid.
-    """
+    """Return ln P(reading, kind) / P(reading, kind 0) as robots claim, within +-``MOST``; None: any kind but 0."""
     shares = np.maximum(claimed_rates(sensor, place), 1e-6)  # shares of exactly 0 would give infinite ratios
     of_kind = shares[1:].mean(axis=0) if kind is None else shares[kind]
     return np.asarray(np.clip(log(of_kind / shares[0])[reading.astype(np.int64)], -MOST, MOST))
@@ -276,10 +220,7 @@ def log_ratios_of_energies(
 def log_likelihood(
     sensor: Sensor, kind: int, energy: NDArray[np.float64], place: Place | None = None
 ) -> NDArray[np.float64]:
-    """Return ln of the likelihood of energies (or rows of numbers) on a kind of tile, (samples,); -inf where it is 0.
-
-    If tiles or robots differ, the likelihood is the mean over the distribution of their factors.
-    """
+    """Return ln of the likelihood of energies (or rows of numbers) on a kind, (samples,); a mean over factors."""
     model, p = model_of(sensor), _params(sensor, place)
     found = mean_density(sensor, _values(sensor, energy), lambda value: model.densities(kind, value, p))
     return log(found)
@@ -288,10 +229,7 @@ def log_likelihood(
 def likelihood_at(
     sensor: Sensor, contrast: float, energy: NDArray[np.float64], place: Place | None = None
 ) -> NDArray[np.float64]:
-    """Return the likelihood of energies at a contrast between still and vibrating, (samples,).
-
-    If tiles or robots differ, it is the mean as in ``log_likelihood``.
-    """
+    """Return the likelihood of energies at a contrast, (samples,), a mean as in ``log_likelihood``."""
     model, p = model_of(sensor), _params(sensor, place)
     return mean_density(sensor, energy, lambda value: model.densities_at(contrast, value, p))
 

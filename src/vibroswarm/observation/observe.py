@@ -67,11 +67,7 @@ class Ground(NamedTuple):
     stages: list[SensedFloor]
 
     def parts(self, time_s: NDArray[np.float64]) -> list[tuple[SensedFloor, slice]]:
-        """Return the stages in which samples were taken, and the samples of each.
-
-        Args:
-            time_s: (samples,), ascending.
-        """
+        """Return the stages in which samples were taken, and the samples of each. Shapes: ``time_s`` (samples,)."""
         if len(self.stages) == 1:
             return [(self.stages[0], slice(0, time_s.size))]
         bounds = np.append(np.searchsorted(time_s, self.since_s), time_s.size).tolist()
@@ -82,11 +78,7 @@ class Ground(NamedTuple):
 def sensed_floors(
     scenario: Scenario, seed: int, runs: Sequence[int], floors: Mapping[int, Floor]
 ) -> list[Ground]:
-    """Return the floor and the sensors of each run, in the order of ``runs``.
-
-    Args:
-        runs: run numbers. floors: the floor of each run, by run number.
-    """
+    """Return the floor and the sensors of each run, in the order of ``runs``."""
     levels = levels_on(scenario.sensor, (floors[run] for run in runs))
     faults, grounds = sensor_faults(scenario, seed, runs), []
     for r, run in enumerate(runs):
@@ -102,14 +94,7 @@ def sensed_floors(
 def read(
     ground: SensedFloor, x_m: float, y_m: float, time_s: float, seed: int, run: int, robot: int, sample: int
 ) -> tuple[int, int, int, int]:
-    """Compute the reading of one sample.
-
-    Args:
-        ground: floor and sensors of the run. x_m, y_m, time_s: place and time of the sample.
-        seed, run, robot, sample: address of the sample's random numbers.
-    Returns: index of the tile below (-1: none); the reading; the kind of the tile sensed (0 if none); row of the sample
-        in ``ground.response.factors``.
-    """
+    """Compute the reading of one sample."""
     tile = tile_below(x_m, y_m, ground.place)
     sensed = sensed_tile(
         x_m, y_m, tile, ground.place, ground.tiles, ground.response, seed, run, robot, sample
@@ -139,12 +124,7 @@ USUAL_MS = 500.0
 
 
 def sense_program(scenario: Scenario) -> SenseProgram:
-    """Return the parameters with which a real robot's readings become an energy; simulated energies are drawn instead.
-
-    A stop has two parts: the robot stands until vibrations settle, then reads the signal until the stop ends. Rate,
-    filter and time of reading are those of a sensor of the accelerometer; for others, rate and filter have the defaults
-    of ``SenseProgram``.
-    """
+    """Return how a real robot's readings become an energy: it stands until vibrations settle, then reads the signal."""
     stop_ms = scenario.sample.stop_ms
     model = model_of(scenario.sensor)
     if model.accelerometer is not None:
@@ -169,11 +149,7 @@ MEASURED: Final[Any] = pl.Float32
 
 
 def kinds_at(floor: Floor, tile: NDArray[np.integer[Any]], time_s: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Return the kind of each of these tiles at its time, (samples,); 0 for index -1, no tile.
-
-    Args:
-        tile: (samples,), indices of tiles. time_s: (samples,), in any order.
-    """
+    """Return the kind of each of these tiles at its time, (samples,); 0 for index -1, no tile."""
     kinds = np.zeros(tile.size, dtype=np.uint8)
     for since_s, stage in floor.stages():
         later = time_s >= since_s
@@ -204,12 +180,7 @@ class Readings(NamedTuple):
 def read_samples(
     scenario: Scenario, seed: int, motion: pl.DataFrame, floors: Mapping[int, Floor], energies: bool = False
 ) -> Readings:
-    """Return the readings of all samples of a motion table, in which the rows of each run are contiguous.
-
-    Args:
-        floors: the floor of each run, by run number. energies: whether to fill also ``numbers``, ``kinds`` and
-            ``factors`` of the readings, from which energies are computed.
-    """
+    """Return the readings of all samples of a motion table, in which the rows of each run are contiguous."""
     run = motion["run"].to_numpy()
     begins = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
     runs = run[begins].tolist()
@@ -285,17 +256,25 @@ def observe(
     *,
     energies: bool = True,
 ) -> pl.DataFrame:
-    """Return the observation table of a motion table.
-
-    Args:
-        samples: the motion table; the rows of the result are in the same order.
-        floors: the floor of each run, by run number.
-        energies: whether to compute the energies, which are null otherwise. If the strategy reads energies, they are
-            computed in any case. The classes do not depend on this.
-    """
+    """Return the observation table of a motion table."""
     energies = energies or reads_energies(scenario)
     readings = read_samples(scenario, seed, samples, floors, energies)
-    return observation_frame(scenario, samples, readings, energies)
+    names = model_of(scenario.sensor).names_of_numbers(scenario.sensor.params)
+    if energies:
+        columns = energies_read(scenario, readings).reshape(samples.height, len(names)).T
+        measured = [pl.Series(name, column) for name, column in zip(names, columns, strict=True)]
+    else:
+        # not by ``pl.repeat``, which hangs in a forked process
+        measured = [pl.Series(name, [None], MEASURED).new_from_index(0, samples.height) for name in names]
+    return pl.DataFrame(
+        [
+            *(samples[name] for name in ("run", "robot", "sample")),
+            pl.Series("tile", readings.tile),
+            measured[0].alias("energy"),
+            pl.Series("observation", readings.observation),
+            *measured[1:],
+        ]
+    )
 
 
 def reads_energies(scenario: Scenario) -> bool:
@@ -314,12 +293,7 @@ def readings_at(
     y_m: NDArray[np.float64],
     time_s: NDArray[np.float64],
 ) -> Readings:
-    """Return the readings of samples of one run, with what energies are computed from.
-
-    Args:
-        ground: floor and sensors of the run.
-        robot, sample, x_m, y_m, time_s: (samples,), columns of the motion table.
-    """
+    """Return the readings of samples of one run, with what energies are computed from."""
     columns = _columns(robot, sample, x_m, y_m, time_s)
     samples = Samples(ground.place, ground.tiles, *columns, seed=seed, run=run)
     readings = _no_readings(scenario.sensor, robot.size, True, ground.response.levels)
@@ -328,39 +302,8 @@ def readings_at(
 
 
 def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
-    """Return the energies of readings, (rows,); of a sensor that depends on the place all numbers, (rows, numbers).
-
-    Args:
-        read: readings for which energies were requested, so that ``kinds`` and ``factors`` are filled.
-    """
+    """Return the energies of readings, (rows,); of a sensor that depends on the place all numbers, (rows, numbers)."""
     if is_sensed(scenario.sensor):
         return read.values.astype(np.float32)
     factors = read.factors if factors_differ(scenario.sensor) else None  # None: all are 1
     return energies_of(scenario.sensor, read.kinds, read.numbers, factors, read.levels)
-
-
-def observation_frame(
-    scenario: Scenario, samples: pl.DataFrame, read: Readings, energies: bool
-) -> pl.DataFrame:
-    """Return the table of observations (``OBSERVATIONS``), with a row for each row of ``samples``.
-
-    Args:
-        samples: the motion table. read: the readings of its samples. energies: whether to compute the energies, for
-            which they must have been requested when reading; if false, what is measured is null.
-    """
-    names = model_of(scenario.sensor).names_of_numbers(scenario.sensor.params)
-    if energies:
-        columns = energies_read(scenario, read).reshape(samples.height, len(names)).T
-        measured = [pl.Series(name, column) for name, column in zip(names, columns, strict=True)]
-    else:
-        # not by ``pl.repeat``, which hangs in a forked process
-        measured = [pl.Series(name, [None], MEASURED).new_from_index(0, samples.height) for name in names]
-    return pl.DataFrame(
-        [
-            *(samples[name] for name in ("run", "robot", "sample")),
-            pl.Series("tile", read.tile),
-            measured[0].alias("energy"),
-            pl.Series("observation", read.observation),
-            *measured[1:],
-        ]
-    )

@@ -18,7 +18,7 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.lab.recordings.assemble_recording import recording_of
 from vibroswarm.lab.recordings.read import read_log
 from vibroswarm.lab.recordings.recording import Recording
-from vibroswarm.networks.loss_by_size import MOST
+from vibroswarm.networks.loss import MOST
 from vibroswarm.scenario.scenario import Scenario, preset
 
 FIELDS: Final = {

@@ -197,7 +197,6 @@ BUILT_IN: Final[dict[str, tuple[int, int]]] = {
     "none": (0, 0),
     "positive": (1, 1),
     "soft": (2, 2),
-    "totals": (3, 3),
     "bayes_bots": (4, 4),
     "places": (5, 5),
     "mcp": (0, 6),

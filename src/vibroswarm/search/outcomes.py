@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import arrays_fit, estimate_of, posterior_of, strategy_used
+from vibroswarm.inference.closed_loop import steered_motion
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
-from vibroswarm.inference.motion_feedback import steered_motion
 from vibroswarm.inference.outcomes import (
     Array,
     belief_in_truth,

@@ -173,11 +173,7 @@ class Shaking(NamedTuple):
 
 
 def response(tiles: tuple[int, int], frequency_hz: float, p: Any) -> Values:
-    """Return G, (tiles, tiles): motion of each tile (rows) per drive of each tile's motor, at one frequency.
-
-    Args:
-        tiles: rows and columns of the floor.
-    """
+    """Return G, (tiles, tiles): motion of each tile (rows) per drive of each tile's motor, at one frequency."""
     rows, columns = tiles
     row, column = np.divmod(np.arange(rows * columns), columns)
     beside = np.abs(row[:, None] - row) + np.abs(column[:, None] - column) == 1
@@ -197,11 +193,7 @@ def _squares(rows: int, columns: int, p: Any) -> Values:
 
 @kernel
 def shake(shaking: Shaking, samples: Samples, sample: int, rate_hz: float, out: Values) -> None:
-    """Write the accelerations that a robot reads at a sample, without gravity, (3, readings): x, y and z.
-
-    Args:
-        sample: its row in ``samples``. rate_hz: readings per second.
-    """
+    """Write the accelerations that a robot reads at a sample, without gravity, (3, readings): x, y and z."""
     x_m, y_m, tiles = samples.x_m[sample], samples.y_m[sample], samples.tiles
     seed, run, robot, number = samples.seed, samples.run, samples.robot[sample], samples.sample[sample]
     place = shaking.place
@@ -254,11 +246,7 @@ def square_at(squares: Values, k: int, tile: int, source: int, place: Place) -> 
 
 @inner
 def add_sine(out: Values, amplitude: float, step_rad: float, phase_rad: float) -> None:
-    """Add a sinusoid to the third row, and the same a quarter of a turn later to the first.
-
-    Args:
-        step_rad: turn of its phase from reading to reading. phase_rad: phase at the first reading.
-    """
+    """Add a sinusoid to the third row, and the same a quarter of a turn later to the first."""
     real, imaginary = amplitude * math.cos(phase_rad), amplitude * math.sin(phase_rad)
     turn_real, turn_imaginary = math.cos(step_rad), math.sin(step_rad)
     for i in range(out.shape[1]):
@@ -272,10 +260,7 @@ def add_sine(out: Values, amplitude: float, step_rad: float, phase_rad: float) -
 
 @inner
 def add_noise(out: Values, spread: float, word: int) -> None:
-    """Add noise of the standard deviation ``spread``, from a state of SplitMix64 (Steele et al., OOPSLA 2014).
-
-    Each number is the sum of the four 16-bit parts of a word, which is nearly normal: its kurtosis is 2.7.
-    """
+    """Add nearly normal noise (sums of four 16-bit parts) from a state of SplitMix64 (Steele et al., OOPSLA 2014)."""
     state, mask = np.uint64(word), np.uint64(0xFFFF)
     scale = (
         spread * math.sqrt(3.0) / 65536.0
@@ -378,11 +363,7 @@ def accelerations(samples: Samples, p: Any) -> Values:
 
 
 def band_of(name: str) -> float:
-    """Return the frequency in the name of a band's feature, Hz.
-
-    Raises:
-        InputError: there is no such feature.
-    """
+    """Return the frequency in the name of a band's feature, Hz."""
     match = re.fullmatch(r"band_(\d+\.?\d*)", name)
     if match is None:
         raise InputError(

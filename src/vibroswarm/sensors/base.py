@@ -146,11 +146,7 @@ class SensorModel(Plugin):
         refuse_chance((self.measure, self.reading, self.class_of, self.likelihood), "use u, of measure")
 
     def number_of(self, what: Literal["kinds", "readings"], p: BaseModel) -> int:
-        """Return the number of kinds of tile, or of classes of readings.
-
-        Raises:
-            CodeError: it is not from 2 to ``MOST_KINDS``, or the user's function raised an error.
-        """
+        """Return the number of kinds of tile, or of classes of readings."""
         count = self._call(what, p, is_right=lambda count: (count >= 2) & (count <= MOST_KINDS))
         return int(count)
 
@@ -178,17 +174,20 @@ class SensorModel(Plugin):
         Raises:
             CodeError: ``likelihood`` returned what is no density.
         """
-        return self._call("likelihood", kind, value, p, is_right=_is_density)
+        return self._call("likelihood", kind, value, p, is_right=lambda density: density >= 0.0)
 
     def densities_at(self, contrast: float, value: Values, p: BaseModel) -> Values:
         """Return the likelihood of values at a contrast between the kinds 0 and 1.
 
         It is what the sensor states (``likelihood_at``); else it follows from the quantiles of both kinds, in steps
-        between those at ``_contrast_levels``, and is 0 beyond them.
+        between 200 of them, and is 0 beyond them.
         """
         if self.likelihood_at is not None:
-            return self._call("likelihood_at", contrast, value, p, is_right=_is_density)
-        u = _contrast_levels()
+            return self._call("likelihood_at", contrast, value, p, is_right=lambda density: density >= 0.0)
+        from scipy.special import ndtr  # its import takes long
+
+        # levels denser near 0 and 1
+        u = ndtr(np.linspace(-4.5, 4.5, 4000)[np.linspace(0, 3999, 200).round().astype(np.int64)])
         still, vibrating = (self.values(kind, u, p).astype(np.float32).astype(float) for kind in (0, 1))
         quantile = mixed(still, vibrating, contrast)
         density = np.diff(u) / np.maximum(np.diff(quantile), 1e-9)
@@ -209,18 +208,11 @@ class SensorModel(Plugin):
         return self._call("measure", int(level), u, p)
 
     def sensed(self, samples: Samples, p: BaseModel) -> Values:
-        """Return what ``sense`` measures at samples of one run, (samples, numbers).
-
-        ``sense`` is given read-only arrays, whoever made them, so that a kernel that it calls is compiled once.
-        """
+        """Return what ``sense`` measures at samples of one run, (samples, numbers); its arrays are read-only."""
         return self._call("sense", with_read_only(samples), p)
 
     def reference_values(self, p: BaseModel) -> tuple[Values, ...]:
-        """Return what samples at reference places measure, by kind of the tile below: (samples, numbers) each.
-
-        Args:
-            p: the parameters, with the grid as ``place`` (``at_place``); else it is ``STUDY_GRID``.
-        """
+        """Return what samples at reference places measure, by kind of the tile below: (samples, numbers) each."""
         return _reference_values(self, p, getattr(p, "place", STUDY_GRID))
 
     def at_place(self, p: Any, place: Place | None) -> Any:
@@ -228,11 +220,7 @@ class SensorModel(Plugin):
         return p if self.sense is None or place is None else p.model_copy(update={"place": place})
 
     def classes(self, value: Values, p: BaseModel) -> NDArray[np.int64]:
-        """Return the readings of values, in the shape of ``value``; of ``sense``, one for each row.
-
-        Raises:
-            CodeError: ``reading`` (or ``class_of``) raised an error, or returned classes that do not exist.
-        """
+        """Return the readings of values, in the shape of ``value``; of ``sense``, one for each row."""
         count = self.number_of("readings", p)
         part, given = ("reading", value) if self.class_of is None else ("_class_of_rows", value.tolist())
         found = self._call(part, given, p, is_right=lambda c: (c >= 0) & (c < count) & (c == np.floor(c)))
@@ -243,15 +231,8 @@ class SensorModel(Plugin):
         return [self.class_of(row, p) for row in rows]
 
     def shares_up_to(self, kind: int, factors: Values, p: BaseModel) -> Values:
-        """Return the share of samples whose reading is at most j, for each class j but the last.
-
-        The reading of a sample with the uniform number u is the number of these shares below u, exactly.
-
-        Args:
-            factors: (rows,): the values are multiplied by these.
-        Returns: (rows, readings - 1), rising along each row.
-        Raises:
-            CodeError: the reading falls as u grows.
+        """Return the shares whose reading is at most each class but the last, (rows, classes - 1): that of u counts
+        those below u.
         """
         # Threshold and place are no fields of ``p``, so parameters compare equal without them.
         beside = getattr(p, "rms_threshold", None), getattr(p, "place", None)
@@ -281,10 +262,7 @@ class SensorModel(Plugin):
         return np.where(is_below(ends[1]), 1.0, np.where(is_below(ends[0]), found, 0.0))
 
     def class_borders(self, p: BaseModel) -> Values:
-        """Return the least values that read as class 1, 2 and so on, (classes - 1,); inf if nothing measured does.
-
-        Values beyond the measured ones read as the nearest of these.
-        """
+        """Return the least values that read as class 1, 2, ...; inf if nothing measured does."""
         measured = np.unique([self.values(kind, TRIED, p) for kind in range(self.number_of("kinds", p))])
         borders = np.arange(1, self.number_of("readings", p))
         first = np.searchsorted(self.classes(measured, p), borders)
@@ -309,10 +287,6 @@ def halved(
     return low, high
 
 
-def _is_density(density: Values) -> NDArray[np.bool_]:
-    return density >= 0.0
-
-
 @lru_cache(maxsize=256)
 def _shares_up_to(
     model: SensorModel, kind: int, factors: tuple[float, ...], p: BaseModel, beside: tuple[Any, ...]
@@ -328,13 +302,6 @@ def _shares_up_to(
         raise CodeError(f"sensor '{model.name}': the reading falls as u grows; see the protocol of sensors")
     strengths = np.array(factors)
     return read_only(model.shares_of(lambda u: model.values(kind, u, p) * strengths, strengths.shape, p))
-
-
-def _contrast_levels() -> Values:
-    """Quantile levels at which laws at contrasts are tabulated, denser near 0 and 1."""
-    from scipy.special import ndtr  # its import takes long
-
-    return np.asarray(ndtr(np.linspace(-4.5, 4.5, 4000)[np.linspace(0, 3999, 200).round().astype(np.int64)]))
 
 
 @lru_cache(maxsize=16)

@@ -79,11 +79,7 @@ def check(p: Any) -> None:
 
 
 def check_rates(rates: tuple[tuple[float, ...], ...], classes: int, field: str) -> None:
-    """Refuse rates whose rows do not have this number of classes, or do not sum to 1.
-
-    Args:
-        field: the field that has the rates, for messages.
-    """
+    """Refuse rates whose rows do not have this number of classes, or do not sum to 1."""
     for number, row in enumerate(rates):
         if len(row) != classes or abs(sum(row) - 1.0) > 1e-9:
             raise InputError(

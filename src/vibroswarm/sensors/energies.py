@@ -9,7 +9,8 @@
 asinh(E / s) is logarithmic beyond s, a share of the median |E|, and holds for zeros and energies below. Its density is
 also that of values beyond those measured, which factors of tiles and robots reach: histograms have no tails there.
 
-Its parameters, ``vibrating_energies`` and ``still_energies``, are fields of the section ``sensor`` itself.
+Its parameters, ``vibrating_energies`` and ``still_energies``, are fields of the section ``sensor`` itself; they may be
+read from a CSV file.
 """
 
 from __future__ import annotations
@@ -17,11 +18,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import polars as pl
 
 from vibroswarm.core.elementary import exp, log
+from vibroswarm.core.read_tables import Column, ColumnMap, Use, read_rows
 from vibroswarm.errors import InputError
 from vibroswarm.floors.surfaces import mixed
 from vibroswarm.sensors.base import SensorModel, Values, register
@@ -189,3 +193,31 @@ energies = register(
         about="energies are drawn from measured ones (--energies FILE)",
     )
 )
+
+
+SCHEMA: Final = {
+    "kind": Use(pl.Int64, 0, 1, "a kind of tile, 'still' or 'vibrating'", required=True),
+    "energy": Use(pl.Float64, -1e300, 1e300, "an energy", required=True),
+}
+_COLUMNS: Final = ColumnMap(
+    columns={
+        "kind": Column(name="kind", values={"vibrating": 1, "1": 1, "still": 0, "non-vibrating": 0, "0": 0}),
+        "energy": Column(name="energy"),
+    }
+)
+
+
+def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Read measured energies; return those of vibrating tiles, then those of still tiles, in the order of the file.
+
+    Args:
+        path: a CSV file with the columns ``kind`` (vibrating or still, 1 or 0) and ``energy`` (RMS); other columns are
+            ignored.
+    Raises:
+        InputError: the file cannot be read, or a kind or an energy is wrong, or missing.
+    """
+    read = read_rows([Path(path)], SCHEMA, _COLUMNS)
+    vibrating, still = (tuple(read.rows.filter(kind=one)["energy"].to_list()) for one in (1, 0))
+    if read.missing or not (vibrating and still):
+        raise InputError("needs a kind and an energy in each line, and both kinds of tile", field=str(path))
+    return vibrating, still

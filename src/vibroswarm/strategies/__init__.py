@@ -16,7 +16,6 @@ from vibroswarm.strategies import (  # noqa: F401
     mcp,
     places,
     reset,
-    totals,
     valentini,
 )
 from vibroswarm.strategies.base import Report, Strategy, array, known, names, register, strategy, strategy_in

@@ -100,13 +100,7 @@ class Plugin:
         return row_type(self.params, "params")
 
     def params_row(self, values: object) -> tuple[Any, ...]:
-        """Return the parameters as a tuple in the order of ``params_type``.
-
-        Without parameters, ``params_type`` has the one field ``unused`` (``row_type``), which gets 0.
-
-        Args:
-            values: instance of ``params``, such as ``scenario.strategy.params``.
-        """
+        """Return the parameters in the order of ``params_type``; 0 for the field ``unused``."""
         names: tuple[str, ...] = self.params_type.names or ()
         return tuple(getattr(values, name, 0) for name in names)
 
@@ -179,14 +173,7 @@ class Strategy(Plugin):
     check: Callable[[Any, float], None] | None = None
 
     def __post_init__(self) -> None:
-        """Check the hooks, and replace the class of parameters (``Plugin``).
-
-        A strategy without a hook for messages gets an ``on_message`` that does nothing, because the simulator calls
-        one. Hooks and classes of this package are not checked, see ``static_analysis.is_shipped``.
-
-        Raises:
-            InputError: as of ``check_hooks``.
-        """
+        """Check the hooks, and replace the class of parameters (``Plugin``)."""
         params = self.params  # as given: the model that replaces it is made by this package
         super().__post_init__()
         if not is_shipped(
@@ -201,12 +188,7 @@ class Strategy(Plugin):
             object.__setattr__(self, "boundary_half", self.answers_kinds)
 
     def check_hooks(self) -> None:
-        """Check the hooks, and the classes of fields that they use.
-
-        Raises:
-            InputError: a class is no valid row (``row_type``), a hook has errors (``check_function``), there are both
-                ``on_counts`` and ``on_message``, or a count of bits is no int.
-        """
+        """Check the hooks, and the classes of fields that they use."""
         # Fields that a hook may use of each of its arguments, so that a misspelt field is found before compiling.
         message = self.message_type.names or ()
         rows = {
@@ -273,12 +255,7 @@ class Array:
     of: str
 
     def size(self, sizes: Mapping[str, int]) -> int:
-        """Return the array's number of elements: the product that ``of`` names.
-
-        Args:
-            sizes: value of each word that ``of`` may contain: robots, rows, columns, tiles; empty where only numbers
-                are allowed, as in messages.
-        """
+        """Return the array's number of elements: the product that ``of`` names."""
         factors = (factor.strip() for factor in self.of.split("*"))
         return math.prod(int(factor) if factor.isdecimal() else sizes[factor] for factor in factors)
 
@@ -337,15 +314,7 @@ def fields_of(declared: type) -> dict[str, type]:
 
 @cache
 def row_type(declared: type, what: str) -> np.dtype[np.void]:
-    """Return the structured dtype of a class's fields, followed by its arrays of fixed size.
-
-    A class with neither gives a dtype with one field, ``unused``.
-
-    Args:
-        declared: the class. what: its role, such as "state", for error messages.
-    Raises:
-        InputError: a field has a default that would have no effect.
-    """
+    """Return the dtype of a class's fields and arrays of fixed size; with neither, of one field ``unused``."""
     fields = fields_of(declared)
     for name in fields:
         if what != "params" and getattr(declared, name, 0) != 0:
@@ -365,11 +334,7 @@ class _Parameters(FrozenModel):
 
 
 def as_params(declared: type, name: str) -> type[BaseModel]:
-    """Return the frozen, strict Pydantic model of a class of annotated fields; a model is returned unchanged.
-
-    Args:
-        declared: the class. name: of the strategy, network or task, from which the model is named.
-    """
+    """Return the frozen, strict Pydantic model of a class of annotated fields; a model is returned unchanged."""
     if issubclass(declared, BaseModel):
         return declared
     definitions: dict[str, Any] = {

@@ -5,9 +5,6 @@
 | alpha, beta | alpha, beta | - | counts of ones and zeros, own and received, prior included (Eq. 10, 11) |
 | decision | d_f | - | 0 if p > p_c, 1 if 1 - p > p_c, and -1 while undecided (Eq. 13) |
 | min_observations | O_c | - | a robot may decide only with strictly more than O_c counted observations |
-
-Arguments: ``s`` is the robot's state, changed in place, ``a`` its arrays (none here), ``d`` random numbers, ``p`` the
-parameters, ``w`` what the robot knows: its task's settings.
 """
 
 from __future__ import annotations
@@ -73,14 +70,7 @@ def is_enough(s: Row, w: World) -> bool:
 
 @inlined
 def enough(own: int, received: int, w: World) -> bool:
-    """Return whether more than O_c observations are counted, so that the robot may decide.
-
-    ``w.gate`` says which observations are counted: own, received, or both. ``w.gate_counts_current`` says whether the
-    current own reading counts.
-
-    Args:
-        own: number of own readings, the current one included. received: number of observations of other robots.
-    """
+    """Return whether more than O_c of the observations that ``w.gate`` names are counted."""
     counted = own if w.gate_counts_current else own - 1
     if w.gate == GATE_OWN:
         return bool(counted > w.min_observations)
@@ -91,11 +81,7 @@ def enough(own: int, received: int, w: World) -> bool:
 
 @inlined
 def decided(p_below: float, before: int, w: World) -> int:
-    """Return d_f by Eq. 13: 0 or 1 if the belief is strictly above p_c on that side, otherwise ``before``.
-
-    Args:
-        p_below: p. before: the decision so far, -1 if there is none.
-    """
+    """Return d_f by Eq. 13: 0 or 1 if the belief is strictly above p_c on that side, otherwise ``before``."""
     if p_below > w.credible_threshold:  # Eq. 13
         return 0
     if 1.0 - p_below > w.credible_threshold:

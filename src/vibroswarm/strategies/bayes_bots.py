@@ -21,10 +21,6 @@ Ebert, Gauci, Mallmann-Trenn and Nagpal 2020, ICRA; rules as in the authors' pub
 - Without feedback, with ``test_received = false`` and prior a_0, a robot decides as ``none`` does with
   ``decision.prior_alpha = decision.prior_beta = a_0`` and ``decision.min_observations = 0``, for every p_c that a
   single reading cannot pass.
-
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -100,12 +96,7 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Count the sender's value, unless it is a repetition or comes too soon after the last one that counted.
-
-    It counts if its number differs from that of the sender's last counted value, and if that was counted at least
-    ``sender_timeout_s`` ago. With ``test_received`` the robot then decides if its belief is past p_c or 1 - p_c.
-    Numbers of values start at 1, so 0 in ``a.number`` means that no value of the sender has counted yet.
-    """
+    """Count the sender's value unless its number is that of the last counted one (0: none), or it comes too soon."""
     before = a.number[sender]
     if m.number == before or (before > 0 and t_s < a.counted_s[sender] + p.sender_timeout_s):
         return
@@ -128,11 +119,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 
 def on_timer(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Send a message again under the number of the latest reading, and set the next timer; ``t_s`` is the time.
-
-    Receivers whose last counted value has this number ignore it. With positive feedback the value is the decision if
-    the robot has decided, even if that was after the reading.
-    """
+    """Send the message again under the number of the latest reading, which receivers that have it ignore."""
     s.next_s = t_s + p.repeat_s
     fill(s, out, p)
     return True

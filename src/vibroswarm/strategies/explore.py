@@ -21,10 +21,6 @@ less the share 0.3 of it for a half turn, and proportionally less for smaller tu
 
 - Message: as of ``places``, and the tile (1 byte): 9 bytes.
 - What a robot is told about its task: as in ``places``, and the size of the arena.
-
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -110,7 +106,8 @@ class State(places.State, Course):
 
 class Arrays(places.Arrays):
     """Those of ``places``; for each tile, when this robot last sampled there or a message last named it as its sender's
-    target; and scratch: how unsure each tile is."""
+    target; and scratch: how unsure each tile is.
+    """
 
     visited_s = array("float64", "tiles")
     uncertainty = array("float64", "tiles")
@@ -136,21 +133,14 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Add another robot's sample to the map, and treat the tile that it drives to as visited now.
-
-    ``t_s`` is the time; ``m.target`` is that tile, -1 for none.
-    """
+    """Add another robot's sample to the map, and treat its target, ``m.target`` (-1: none), as visited now."""
     if m.target >= 0:
         a.visited_s[m.target] = t_s
     add_heard(s, a, m, sender, t_s, d, p, w)
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Add an earlier sample to the map and send it, decide, and choose where to drive.
-
-    That sample was taken ``localisation.lag`` samples ago, because its place is known better by now. Until the robot
-    has taken that many samples, nothing is added or sent.
-    """
+    """Add the sample of ``localisation.lag`` samples ago to the map and send it, decide, and choose where to drive."""
     sends: bool = add_own(s, a, x, out, d, p, w)
     if x.number > 0:
         # Update the moving average of the step by the distance from the place of the sample before.
@@ -173,21 +163,8 @@ def steer(s: Row, a: Row, x: Reading, d: Draws, p: Row, w: World) -> tuple[float
     return math.nan if s.turn_rad == 0.0 else math.degrees(s.turn_rad), UNTIL_SAMPLE_MS
 
 
-def middle_x_m(tile: int, w: World) -> float:
-    """Return x of the middle of a tile."""
-    return w.left_m + (tile % w.columns + 0.5) * w.tile_width_m
-
-
-def middle_y_m(tile: int, w: World) -> float:
-    """Return y of the middle of a tile; row 0 is the top."""
-    return w.bottom_m + (w.rows - 0.5 - tile // w.columns) * w.tile_height_m
-
-
 def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
-    """Set ``s.turn_rad`` and ``s.target``: the turn to the point of the greatest worth, and the tile of that point.
-
-    If the robot is unsure of its place, or all points are too close to walls, the turn is 0 and the target -1.
-    """
+    """Set ``s.turn_rad`` and ``s.target`` for the point of the greatest worth; 0 and -1 if there is none."""
     s.target, s.turn_rad = -1, 0.0
     if x.spread_m > p.sure_within * min(w.tile_width_m, w.tile_height_m):
         return
@@ -208,7 +185,9 @@ def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
             continue
         worth = 0.0
         for t in range(w.rows * w.columns):
-            along_m, aside_m = middle_x_m(t, w) - x_m, middle_y_m(t, w) - y_m
+            # from the point to the middle of the tile; row 0 is the top
+            along_m = w.left_m + (t % w.columns + 0.5) * w.tile_width_m - x_m
+            aside_m = w.bottom_m + (w.rows - 0.5 - t // w.columns) * w.tile_height_m - y_m
             away_m = math.sqrt(along_m * along_m + aside_m * aside_m)
             worth += a.uncertainty[t] * math.exp(-away_m / p.range_m)
         worth *= 1.0 - TURN_COST * abs(turn_rad) / math.pi
@@ -217,10 +196,7 @@ def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
 
 
 def tile_at(x_m: float, y_m: float, w: World) -> int:
-    """Return the tile at a place, or the nearest tile if the place is off the grid: row * columns + column.
-
-    Row 0 is at the top, where y is largest.
-    """
+    """Return the tile at a place, or the nearest one off the grid: row * columns + column, the top row first."""
     column = min(max(int((x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
     row = min(max(int(w.rows - (y_m - w.bottom_m) / w.tile_height_m), 0), w.rows - 1)
     return row * w.columns + column

@@ -11,9 +11,6 @@ Counts never exceed about m, so an answer is revised after some m bits. With a m
 All bits since a robot's last own sample count alike, so that their order does not matter.
 
 - Message: the reading, as ``none``.
-
-``s`` is the robot's state, ``a`` its arrays (none), ``x`` its reading, ``out`` the message to fill in, ``d`` random
-numbers, ``p`` the parameters, ``w`` what the robot knows.
 """
 
 from __future__ import annotations

@@ -12,9 +12,6 @@ Gamma is the variance of the posterior of the largest share. This generalisation
 is ours. With two kinds the strategies are ``none``, ``positive`` and ``soft``, bit by bit. For more, P_j is an
 integral, which is computed only where its bounds do not tell. Readings are taken at face value: a class is counted as
 the kind of its tile. A class beyond the last kind is no reading: it is neither counted nor sent.
-
-``s`` is the robot's state, ``a`` its arrays, ``x`` its reading, ``m`` a message heard, ``out`` the message to fill in,
-``d`` random numbers, ``p`` the parameters, ``w`` what the robot knows.
 """
 
 from __future__ import annotations
@@ -85,10 +82,7 @@ def on_sample_positive(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w
 
 
 def on_sample_soft(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Count the reading, decide, and send a random kind, drawn by the reading and the posterior.
-
-    A robot that has decided may change its decision if ``w.revise``.
-    """
+    """Count the reading, decide, and send a random kind, drawn by the reading and the posterior."""
     before = s.decision
     if w.revise:
         s.decision = -1
@@ -132,9 +126,6 @@ def clear_leader(counts: Row, n: float) -> int:
     """Return the kind with clearly the largest share m_j = a_j / n, by a normal approximation; -1 if there is none.
 
     It is j if m_j - m_i > 1.645 sqrt((m_j + m_i - (m_j - m_i)^2) / (n + 1)) for all other kinds i.
-
-    Args:
-        n: sum of the counts.
     """
     first = leader(counts)
     for kind in range(counts.size):
@@ -146,10 +137,7 @@ def clear_leader(counts: Row, n: float) -> int:
 
 @inner
 def is_most_common(counts: Row, kind: int, w: World) -> bool:
-    """Return whether P_j > p_c for j = ``kind``, a kind with the largest count.
-
-    The integral is computed only if p_c is between bounds of P_j.
-    """
+    """Return whether P_j > p_c for j = ``kind``, a kind with the largest count."""
     if counts.size == 2:
         return bool(belief_in(counts, kind, w) > w.credible_threshold)
     if most_belief(counts, kind, w) <= w.credible_threshold:
@@ -171,7 +159,7 @@ def most_belief(counts: Row, kind: int, w: World) -> float:
 
 @inner
 def least_belief(counts: Row, kind: int, w: World) -> float:
-    """Return a lower bound of P_j for j = ``kind``: the product of the probabilities of a larger share than each other.
+    """Return a lower bound of P_j for j = ``kind``: the product of P(larger share) over the others.
 
     If the kind's Gamma variable is x, the others are below it independently, with probabilities that all rise with x.
     So they are positively correlated (Chebyshev's inequality).
@@ -200,11 +188,7 @@ def belief_in(counts: Row, kind: int, w: World) -> float:
 
 @inner
 def drawn_kind(reading: int, counts: Row, eta: float, kappa: float, number: float, w: World) -> int:
-    """Draw the kind to send: the kinds from the highest down share the interval from 0 to 1 by their probabilities.
-
-    Args:
-        reading: O. number: uniform number in (0, 1).
-    """
+    """Draw the kind to send: the kinds from the highest down share the interval from 0 to 1 by their probabilities."""
     total = 0
     for kind in range(counts.size):
         total += counts[kind]
@@ -238,9 +222,6 @@ def kind_within_bounds(reading: int, counts: Row, least: float, most: float, num
     """Draw the kind to send as ``drawn_kind`` does, by bounds of the beliefs; ``UNSURE`` if they do not tell.
 
     Hardly a message needs more, and the integrals of ``belief_in`` take a hundred times as long.
-
-    Args:
-        least, most: bounds of delta.
     """
     all_least = 0.0
     for kind in range(counts.size):

@@ -20,11 +20,6 @@ Chin, Khaluf and Pinciroli 2023, IROS, arXiv 2209.12858; formulas as in the auth
   reading, to all robots; a robot of the original sends every ten control periods, to its neighbours.
 - The information-weighted mean is close to, but not, the estimate from pooled counts: both are equal where all robots
   read the same share of ones; otherwise robots whose share is nearer to 0 or 1 weigh more.
-
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows. These letters are not the symbols of the table. ``on_sample`` returns
-whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -111,11 +106,7 @@ def belief(s: Row, a: Row, p: Row, w: World) -> float:
 
 @inlined
 def decide_by(s: Row, estimate: float, confidence: float, w: World) -> None:
-    """Set estimate and belief from an informed estimate; decide, if undecided and with enough observations.
-
-    Args:
-        estimate: x'. confidence: a + A.
-    """
+    """Set estimate and belief from an informed estimate; decide, if undecided and with enough observations."""
     s.estimate, s.estimate_spread = estimate, 1.0 / math.sqrt(confidence)
     s.below = probability_below(estimate, confidence, w.decision_boundary)
     if s.decision == -1 and enough(s.samples, s.received, w):
@@ -127,9 +118,6 @@ def raw_estimate(ones: int, samples: int, true_positive: float, true_negative: f
     """Return the estimate before clipping: the fill ratio whose expected share of ones is the share read.
 
     It is outside of [0, 1] if no fill ratio has that share.
-
-    Args:
-        ones, samples: own readings so far; at least one. true_positive, true_negative: b and w of the table.
     """
     return (ones / samples + true_negative - 1.0) / max(true_positive + true_negative - 1.0, LEAST_GAIN)
 
@@ -145,9 +133,6 @@ def local_confidence(ones: int, samples: int, true_positive: float, true_negativ
     """Return the confidence a in x: minus the second derivative of the log-likelihood of the readings at x.
 
     The three cases are x clipped to 0, x clipped to 1, and x between 0 and 1, where the likelihood has its maximum.
-
-    Args:
-        ones, samples: own readings so far. true_positive, true_negative: b and w of the table.
     """
     raw = raw_estimate(ones, samples, true_positive, true_negative)
     slope, zeros = true_positive + true_negative - 1.0, samples - ones
@@ -166,12 +151,7 @@ def local_confidence(ones: int, samples: int, true_positive: float, true_negativ
 
 @inlined
 def informed(estimate: float, confidence: float, estimates: Row, confidences: Row) -> tuple[float, float]:
-    """Return the informed estimate x' and its confidence a + A.
-
-    Args:
-        estimate, confidence: own x and a. estimates, confidences: (robots,), latest x_j and a_j of each robot; a_j is
-            0 for the robot itself and for robots not heard yet.
-    """
+    """Return the informed estimate x' and its confidence a + A."""
     weighted, total = confidence * estimate, confidence
     for j in range(confidences.size):
         weighted += confidences[j] * estimates[j]

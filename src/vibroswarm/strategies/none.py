@@ -1,8 +1,4 @@
-"""No feedback, u-: a robot sends its latest reading (Algorithm 3 of the paper).
-
-``s`` is the robot's state, ``a`` its arrays (none), ``x`` its reading, ``out`` the message to fill in, ``d`` random
-numbers, ``p`` the parameters (none), ``w`` what the robot knows.
-"""
+"""No feedback, u-: a robot sends its latest reading (Algorithm 3 of the paper)."""
 
 from __future__ import annotations
 
@@ -12,10 +8,7 @@ from vibroswarm.strategies.world import Draws, Reading, World
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Add the reading to the posterior, decide, and send the reading, whatever the decision is.
-
-    Return True: a message is always sent.
-    """
+    """Add the reading to the posterior, decide, and send the reading, whatever the decision is."""
     observe(s, x.reading)
     decide_once(s, w)
     out.bit = x.reading

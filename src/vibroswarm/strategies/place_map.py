@@ -98,10 +98,7 @@ def total_odds(a: Row, tile: int, w: World) -> float:
 
 @inlined_uncached
 def score(a: Row, p: Row, w: World) -> float:
-    """Return the score z; z > 0 if fewer tiles than the boundary's share vibrate.
-
-    The variance is kept above 0, because the score is divided by its root.
-    """
+    """Return the score z; z > 0 if fewer tiles than the boundary's share vibrate."""
     tiles = w.rows * w.columns
     vibrating, variance = 0.0, 0.0
     for t in range(tiles):
@@ -113,10 +110,7 @@ def score(a: Row, p: Row, w: World) -> float:
 
 @inlined_uncached
 def score_at(probability: float) -> float:
-    """Return the score at which the belief is a given probability, from 1/2 to 1; at most 10.
-
-    It is the standard normal quantile of the probability, computed by bisection.
-    """
+    """Return the score at which the belief is a given probability, from 1/2 to 1; at most 10."""
     low, high = 0.0, 10.0
     for _ in range(50):
         middle = 0.5 * (low + high)
@@ -140,14 +134,8 @@ def share_place(
     """Write the shares of a place on columns, rows and the strips around edges to ``a.of_column`` and ``a.of_row``.
 
     A strip reaches ``edge_reach_m`` to either side of the edge, but at most half a tile. ``a.of_all[0]`` is set to the
-    sum of all products of an entry of ``a.of_column`` and one of ``a.of_row``, by which callers divide. Only entries of
-    the columns and rows returned are written.
-
-    Args:
-        x_m, y_m: mean of the place. spread_x_m, spread_y_m: its standard deviations.
-    Returns:
-        First and last column, first and last row of the tiles that have a share. (0, -1, 0, -1) if the place is off
-        the floor; then the shares must not be used.
+    sum of all products of an entry of ``a.of_column`` and one of ``a.of_row``, by which callers divide. Returns first
+    and last column, first and last row that have a share; (0, -1, 0, -1) if the place is off the floor.
     """
     of_x_m = max(spread_x_m, LEAST_SPREAD_M)
     of_y_m = max(spread_y_m, LEAST_SPREAD_M)
@@ -200,15 +188,9 @@ def share_place(
 
 @inlined_uncached
 def add_reading(a: Row, j: int, bit: int, left: int, right: int, upper: int, lower: int, w: World) -> float:
-    """Add the evidence of a reading of sender ``j`` to the map.
+    """Add the evidence of a reading of sender ``j`` to the map, at the place that ``share_place`` wrote.
 
-    Call ``share_place`` first: it writes the shares of the sample's place to ``a``.
-
-    Args:
-        bit: the reading. left, right: first and last column that have a share of the place, as ``share_place`` returns
-            them. upper, lower: first and last row.
-    Returns:
-        Probability of the reading by the map without the evidence of ``j``.
+    Returns the probability of the reading by the map without the evidence of ``j``.
     """
     tiles = w.rows * w.columns
     # Probability of the reading where vibration is felt, and where it is not.
@@ -252,13 +234,10 @@ def add_reading(a: Row, j: int, bit: int, left: int, right: int, upper: int, low
 
 @inlined_uncached
 def felt(p: NDArray[np.float64], r: int, c: int, still: int, w: World) -> float:
-    """Return the probability that vibration is felt in region (r, c): entry r of ``of_row``, entry c of ``of_column``.
+    """Return the probability that any tile that region (r, c) touches vibrates: one, two at an edge, four at a corner.
 
-    The region touches one tile, two tiles at an edge, or four at a corner. Vibration is felt if any of them vibrates.
-
-    Args:
-        p: (tiles,), probability that each tile vibrates. r, c: even for a row or column, odd for the strip around an
-            edge. still: a tile that is assumed not to vibrate; -1: none.
+    ``r``, ``c`` are even for a row or column, odd for the strip around an edge; ``still`` is a tile taken not to
+    vibrate, -1: none.
     """
     first = (r // 2) * w.columns + c // 2
     if r % 2 == 0 and c % 2 == 0:
@@ -294,13 +273,7 @@ def prior_shape(median: float) -> float:
 
 @inlined_uncached
 def count_posterior(a: Row, p: Row, w: World) -> tuple[float, float, float]:
-    """Return what a robot believes of the number K of vibrating tiles, by its map.
-
-    ``a.p`` is used as scratch: entry K - 1 holds E_K.
-
-    Returns:
-        Probability that K is at most the boundary's share of tiles, probability that it is more, and mean of K.
-    """
+    """Return what a robot believes of the number K of vibrating tiles, by its map."""
     tiles = w.rows * w.columns
     none = 1.0  # E_0
     for t in range(tiles):
@@ -343,10 +316,7 @@ def count_posterior(a: Row, p: Row, w: World) -> tuple[float, float, float]:
 
 @inlined_uncached
 def score_of_tails(below: float, above: float, p: Row) -> float:
-    """Return the score z from the probabilities of "not more" and "more", whose sum is 1; z > 0 if the first is larger.
-
-    The quantile is computed by bisection from the smaller probability, so that it is exact where the other rounds to 1.
-    """
+    """Return the score z from the probabilities of "not more" and "more"; z > 0 if the first is larger."""
     tail = min(below, above)
     low, high = 0.0, 40.0
     for _ in range(60):
@@ -361,10 +331,7 @@ def score_of_tails(below: float, above: float, p: Row) -> float:
 
 @inlined_uncached
 def prior_odds(mean: float, p: Row, w: World) -> float:
-    """Return the log odds that a tile vibrates of which nothing is known, from the mean of K by the others.
-
-    The share theta has the posterior Beta(K + 1, N - K + b) given K if m <= 1/2, and Beta(K + b, N - K + 1) if m > 1/2.
-    """
+    """Return the log odds that a tile vibrates of which nothing is known, from the mean of K by the others."""
     tiles, b = w.rows * w.columns, prior_shape(median_of(p, w))
     if median_of(p, w) <= 0.5:
         return math.log((mean + 1.0) / (tiles - mean + b))

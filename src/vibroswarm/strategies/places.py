@@ -39,10 +39,6 @@ readings lose the fraction 1 / 60 of their weight in surprise, suspicion and cou
   all senders at once: set ``trust_limit`` to 1000 and ``broken_prior`` to 0, unless robots may fail.
 - Floors whose fill ratio is close to the boundary are harder, and errors there are more frequent than 1 - p_c;
   ``variance_factor`` above 1 makes decisions more cautious.
-
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -93,14 +89,7 @@ def rounded(length_m: float) -> float:
 
 @inlined
 def fill_message(s: Row, x: Reading, out: Row) -> bool:
-    """Store the reading ``x``, and fill in the message of the sample taken ``localisation.lag`` samples ago.
-
-    Args:
-        s: its ``bits`` hold the last 28 own readings, the latest in the lowest bit; ``x.reading`` is added. x: the
-            present reading; its ``lagged_`` fields describe the earlier sample. out: the message to fill in.
-    Returns:
-        Whether there is a sample so old; if not, ``out`` is not filled in.
-    """
+    """Store the reading ``x``, and fill in the message of the sample taken ``localisation.lag`` samples ago."""
     s.bits = ((s.bits << 1) | x.reading) & 0xFFFFFFF  # 28 bits are enough: ``localisation.lag`` is at most 24
     if x.lagged_number < 0:
         return False
@@ -161,8 +150,9 @@ class Params:
 
 
 class State:
-    """The last own readings (the latest is the lowest bit), number of samples added, own and heard (those off the
-    floor too), score needed, and decision."""
+    """The last own readings (the latest is the lowest bit), number of samples added, own and heard (those off the floor
+    too), score needed, and decision.
+    """
 
     bits: int
     heard: int
@@ -209,12 +199,7 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Store the reading, add the sample taken ``localisation.lag`` samples ago to the map and send it, and decide.
-
-    A sample waits that long because its place is known well only by then. Return whether there is a sample so old: then
-    ``out`` is sent. The score z is positive if the share of vibrating tiles is below the boundary, and then the
-    decision is 0.
-    """
+    """Store the reading; add the sample of ``localisation.lag`` samples ago to the map and send it; decide."""
     sends = fill_message(s, x, out)
     if sends:
         add_sample(s, a, w.robot, out.bit, out.at_x_m, out.at_y_m, out.spread_x_m, out.spread_y_m, p, w)
@@ -248,14 +233,7 @@ def add_sample(
     p: Row,
     w: World,
 ) -> None:
-    """Add a sample of sender ``j`` to the map, and update the trust in the sender.
-
-    A sample whose place is off the floor is counted in ``s.heard``, but is no evidence.
-
-    Args:
-        j: number of the sender, which is the robot itself for an own sample. bit: the reading. x_m, y_m, spread_x_m,
-            spread_y_m: mean and standard deviations of the place.
-    """
+    """Add a sample of sender ``j`` to the map, and update the trust; off the floor it only counts in ``s.heard``."""
     s.heard += 1
     left, right, upper, lower = share_place(a, x_m, y_m, spread_x_m, spread_y_m, p, w)
     if right < left:
@@ -265,11 +243,7 @@ def add_sample(
 
 
 def judge(a: Row, j: int, bit: int, probability: float, p: Row) -> None:
-    """Update surprise, suspicion and weight of sender ``j`` by one of its readings.
-
-    Args:
-        bit: the reading. probability: that of this reading, by the map without the evidence of ``j``.
-    """
+    """Update surprise, suspicion and weight of sender ``j`` by one of its readings."""
     kept = 1.0 - 1.0 / TRUST_MEMORY  # weight that older readings keep
     chance = min(max(probability, RATE), 1.0 - RATE)
     # If the map is right, the reading is ``bit`` with probability ``chance``, and its log probability has the mean

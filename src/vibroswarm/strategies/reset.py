@@ -23,9 +23,6 @@ after one it holds the bits since the change was likely. The decision may change
   robot that ``follows`` takes the news as its answer, whether or not it has an excursion of its own; without one, the
   change was when it heard of it. With ``tells_anew`` the decision is 0 again at the next own sample without a change,
   and news that comes within ``SAME`` own samples of a change is of that change.
-
-``s`` is the robot's state, ``a`` its arrays (none), ``x`` its reading, ``m`` a message heard, ``out`` the message to
-fill in, ``d`` random numbers, ``p`` the parameters, ``w`` what the robot knows.
 """
 
 from __future__ import annotations

@@ -6,9 +6,6 @@
 | probability that the message is 1 | - | - | delta (1 - p) + (1 - delta) O (Eq. 16) |
 
 Gamma is the variance of the posterior. With delta = 0 a robot sends O, as without feedback.
-
-``s`` is the robot's state, ``a`` its arrays (none), ``x`` its reading, ``out`` the message to fill in, ``d`` random
-numbers, ``p`` the parameters, ``w`` what the robot knows.
 """
 
 from __future__ import annotations
@@ -50,10 +47,7 @@ class Params:
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Add the reading to the posterior, decide, and send a random bit, drawn by the reading and the posterior.
-
-    A robot that has decided may change its decision if ``w.revise``. Return True: a message is always sent.
-    """
+    """Add the reading to the posterior, decide, and send a random bit, drawn by the reading and the posterior."""
     observe(s, x.reading)
     below = belief_below(s.alpha, s.beta, w)
     if (s.decision == -1 or w.revise) and is_enough(s, w):
@@ -80,11 +74,7 @@ def probability(observation: int, alpha: int, beta: int, belief: float, eta: flo
 def message(
     observation: int, alpha: int, beta: int, belief: float, eta: float, kappa: float, u: float
 ) -> int:
-    """Draw the message m, 0 or 1: it is 1 if the uniform number ``u`` lies below ``probability``.
-
-    Args:
-        observation: O. alpha, beta: those of the posterior. belief: p. u: uniform number in (0, 1).
-    """
+    """Draw the message m, 0 or 1: it is 1 if the uniform number ``u`` lies below ``probability``."""
     # A shortcut: most messages equal O, and are drawn here without an exponential or a power, which take long. The
     # message differs from O with probability delta * doubt (Eq. 16), where ``doubt`` is the belief against O: by the
     # last line, if u < delta * doubt for O = 0, and if 1 - u <= delta * doubt for O = 1. As |1/2 - p| is below 1, delta

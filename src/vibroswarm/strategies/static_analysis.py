@@ -72,12 +72,7 @@ def where(function: Callable[..., Any], line: int | None = None) -> str:
 
 
 def check_function(name: str, function: Callable[..., Any], fields: Mapping[str, tuple[str, ...]]) -> None:
-    """Refuse a hook with wrong arguments, with a field that does not exist, or with random numbers of its own.
-
-    Args:
-        name: of the hook, such as "on_sample". fields: names of the fields of each argument that is a row, by the
-            argument's name in ``PARAMETERS``, such as ``s``.
-    """
+    """Refuse a hook with wrong arguments, with a field that does not exist, or with random numbers of its own."""
     wanted, given = PARAMETERS[name], list(inspect.signature(function).parameters)
     pairs = list(zip(given, wanted, strict=False))
     if len(given) != len(wanted) or any(mine in wanted and mine != ours for mine, ours in pairs):
@@ -102,12 +97,7 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
 
 
 def refuse_chance(functions: Iterable[object], instead: str) -> None:
-    """Refuse functions that draw random numbers of their own, themselves or in functions of users that they call.
-
-    Args:
-        functions: of a strategy, network, task or sensor; what is no Python function of a user is not checked.
-        instead: what to use in their place, for the message.
-    """
+    """Refuse functions that draw random numbers of their own, themselves or in functions of users that they call."""
     for called in _called(function for function in functions if not is_shipped(function)):
         if not is_known(called.__module__) and _draws(called):
             raise InputError(
@@ -178,13 +168,7 @@ PLACE: Final = ("x_m", "y_m", "heading_rad", "spread_m", "lagged_x_m", "lagged_y
 
 
 def told(strategy: Strategy, boundary_of: str) -> tuple[str, ...]:
-    """Return what a robot with this strategy knows of its task, such as "grid" or "error rates".
-
-    Args:
-        boundary_of: ``decision.boundary_of``. With "tiles" the error rates are known if the strategy reads them, or the
-            boundary that is computed from them. With "readings" robots take readings at face value. A strategy that
-            ``knows_error_rates`` knows them in both cases.
-    """
+    """Return what a robot with this strategy knows of its task, such as "grid" or "error rates"."""
     read = fields_read(strategy)
     found = [fact for fact, fields in FACTS.items() if read & set(fields)]
     if strategy.boundary_half and "boundary" not in found:  # a boundary of 1/2 is built into its rules

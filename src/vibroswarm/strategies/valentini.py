@@ -32,11 +32,6 @@ If nobody was heard, the opinion stays. At time 0 it is drawn with probability 1
   opinion has stayed the same in ``patience`` consecutive disseminations, and then goes on as before. Disseminations in
   which it heard nobody do not count. With ``patience = 0`` the decision is the present opinion, which may change to the
   end: the consensus time is then that of an observer who watches to the end (``run.stop = "t_end"``).
-
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows, ``t_s`` the time. ``on_sample`` and ``on_timer`` return whether ``out`` is
-sent; ``on_timer`` is called at ``s.next_s``.
 """
 
 from __future__ import annotations
@@ -209,12 +204,7 @@ def quality(s: Row) -> float:
 
 @inlined
 def heard_one(order: Row, heard: int, most: int, number: float) -> int:
-    """Draw one of the last ``most`` robots heard; return its number, or -1 if nobody was heard.
-
-    Args:
-        order: (robots,), position at which each robot was heard, from 1; 0: not heard. heard: number of robots heard.
-            most: number of robots, the last ones heard, of which one is drawn. number: uniform number in (0, 1).
-    """
+    """Draw one of the last ``most`` robots heard; return its number, or -1 if nobody was heard."""
     count = min(heard, most)
     # Position of the robot to return; the robot heard last has position ``heard``. The inner min() is there because
     # number * count may be rounded up to ``count``. If nobody was heard, ``wanted`` is 1, a position that no robot has.
@@ -228,13 +218,7 @@ def heard_one(order: Row, heard: int, most: int, number: float) -> int:
 
 @inlined
 def majority(order: Row, opinions: Row, before: int, own: int) -> int:
-    """Return the majority of the opinions heard last and of the own opinion; the own opinion if there is a tie.
-
-    Args:
-        order: (robots,), position at which each robot was heard, from 1; 0: not heard. opinions: (robots,), 0 or 1.
-            before: opinions heard at this position or earlier are too old to count; 0 or less excludes none. own: the
-            own opinion.
-    """
+    """Return the majority of the opinions heard last and of the own opinion; the own opinion if there is a tie."""
     lead = 2 * own - 1  # opinions for 1 minus opinions for 0
     for j in range(order.size):
         if order[j] > max(before, 0):
@@ -244,10 +228,7 @@ def majority(order: Row, opinions: Row, before: int, own: int) -> int:
 
 @inlined
 def settle(s: Row, order: Row, opinion: int, p: Row) -> None:
-    """End a dissemination: set the opinion, forget who was heard, and decide by the stopping rule.
-
-    ``s.unchanged`` counts the consecutive disseminations in which others were heard and the opinion stayed the same.
-    """
+    """End a dissemination: set the opinion, forget who was heard, and decide by the stopping rule."""
     if s.heard > 0:
         s.unchanged = s.unchanged + 1 if opinion == s.opinion else 0
     s.opinion = opinion
@@ -266,14 +247,7 @@ def forget(order: Row) -> None:
 
 @inlined
 def go_on(s: Row, t_s: float, number: float, share: float, p: Row) -> bool:
-    """Change to the next phase if the present one is over, and set the next timer.
-
-    Args:
-        t_s: the time. number: uniform number that gives the duration of the next phase. share: mean of the exponential
-            part of a dissemination, divided by ``disseminate_s``.
-    Returns:
-        Whether the opinion is sent now: True while disseminating.
-    """
+    """Change to the next phase if the present one is over, and set the next timer."""
     # While exploring, the phase is over whenever this is called: the timer is due only at its end.
     if is_over(s, t_s):
         if s.is_disseminating:

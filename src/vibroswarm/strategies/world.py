@@ -181,10 +181,7 @@ class Beliefs(NamedTuple):
 
 
 def beliefs(boundary: float, counts: int) -> Beliefs:
-    """Return the table for posteriors with alpha + beta up to ``counts``, or up to ``MAX_COUNTS`` if that is less.
-
-    Sizes are powers of 2, so that scenarios of similar length share a cached table.
-    """
+    """Return the table up to ``counts``, at most ``MAX_COUNTS``; sizes are powers of 2, to share cached ones."""
     return _beliefs(boundary, min(max(1 << counts.bit_length(), MIN_COUNTS), MAX_COUNTS))
 
 
@@ -198,11 +195,7 @@ def _beliefs(boundary: float, room: int) -> Beliefs:
 
 @inlined
 def belief_of(beliefs: Beliefs, alpha: int, beta: int) -> float:
-    """Return P(share of ones < boundary) for a Beta(alpha, beta) share, from the table if possible.
-
-    An entry of 0 has not been computed yet, or is a belief of 0, which is fast to compute again; it is computed and
-    stored. Posteriors outside of the table are computed each time.
-    """
+    """Return P(share of ones < boundary) for a Beta share, from the table; an entry of 0 is computed and stored."""
     values, boundary = beliefs
     counts = alpha + beta
     # place: the row of the table; the middle row is that of distance 0 from the boundary.

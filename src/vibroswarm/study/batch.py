@@ -186,7 +186,7 @@ class _SharedMotion:
             replayed = (scenario, self.seed, self.timeline, readings.observation, energy)
             over_time = dict.fromkeys(FOLLOWED, np.full(len(runs), np.nan))
             if scenario.change.is_given or keeps_map(scenario):
-                swarm, log = replay_followed(*replayed)
+                swarm, _, log = replay_followed(*replayed)
                 over_time |= self._over_time(scenario, floors, swarm, log)
             else:
                 swarm = replay_to_end(*replayed)

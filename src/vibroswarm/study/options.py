@@ -15,7 +15,6 @@ from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.floor import sides_inside
 from vibroswarm.floors.io import parse_tiles
 from vibroswarm.floors.source import family, fields_of_file, is_generated, resolve, source_of
-from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import (
@@ -25,6 +24,7 @@ from vibroswarm.scenario.scenario import (
     parse_values,
     preset,
 )
+from vibroswarm.sensors.energies import read_energies
 from vibroswarm.strategies.place_map import WITH_MAP
 from vibroswarm.study.cells import LABEL
 from vibroswarm.study.precision import Precision

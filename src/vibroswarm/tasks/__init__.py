@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibroswarm.tasks import agree, changed, fill_ratio, majority, mean, share  # noqa: F401  (they register themselves)
+from vibroswarm.tasks import changed, fill_ratio, majority, share  # noqa: F401  (they register themselves)
 from vibroswarm.tasks.base import Asked, Task, known, names, register, task
 
 __all__ = ["Asked", "Task", "known", "names", "register", "task"]

@@ -86,10 +86,6 @@ class Task(Plugin):
         super().__post_init__()
         refuse_chance(vars(self).values(), "the truth follows from the floor")
 
-    def estimated_in_words(self, params: BaseModel) -> str:
-        """Return in words which number the task asks for; empty: it asks for a decision."""
-        return self.estimated(params) if callable(self.estimated) else self.estimated
-
     def answers_of(self, kinds: int) -> tuple[str, ...]:
         """Return the meaning of each decision, with this number of kinds of tile."""
         return self.answers(kinds) if callable(self.answers) else self.answers

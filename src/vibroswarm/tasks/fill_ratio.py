@@ -21,10 +21,7 @@ ANSWERS: Final = ("less than {boundary} vibrates", "more than {boundary} vibrate
 
 
 def truth(floor: Floor, asked: Asked, p: Any) -> int | None:
-    """Return 1 if the fill ratio in the arena lies above the decision boundary, 0 if below, None if on it.
-
-    ``floor`` and ``p`` are not used: ``asked`` states the fill ratio and the boundary, and the task has no parameters.
-    """
+    """Return 1 if the fill ratio in the arena lies above the decision boundary, 0 if below, None if on it."""
     if abs(asked.fill_ratio - asked.decision_boundary) < ON_THE_BOUNDARY:
         return None
     return int(asked.fill_ratio > asked.decision_boundary)

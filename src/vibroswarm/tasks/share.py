@@ -1,8 +1,11 @@
-"""Which share of the tiles is of a kind, such as vibrating? A number: the robots' estimates are scored.
+"""Questions for a number, not a decision; the robots' estimates are scored.
 
-| name | symbol | unit | equation |
-|---|---|---|---|
-| share | f | - | Eq. 3, of the part of the floor that lies in the arena: tiles of the kind that is asked for, 1 |
+| task | name | symbol | unit | equation |
+|---|---|---|---|---|
+| ``mean`` | mean | - | - | of the values v of the tiled area in the arena; of kinds 0 and 1 it is the fill ratio |
+| ``share`` | share | f | - | Eq. 3, of the part of the floor that lies in the arena: tiles of the kind asked for, 1 |
+
+Robots that count readings estimate the share of ones, which is not the mean value where the sensor errs.
 """
 
 from __future__ import annotations
@@ -13,8 +16,23 @@ from pydantic import Field
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import KIND_LIMIT, Floor
-from vibroswarm.tasks import agree
 from vibroswarm.tasks.base import Asked, Task, register
+from vibroswarm.tasks.fill_ratio import ANSWERS
+from vibroswarm.tasks.majority import sides
+
+
+def mean_value(floor: Floor, asked: Asked, p: Any) -> float:
+    """Return the mean value in the arena."""
+    return asked.fill_ratio
+
+
+def check_mean(floor: Floor, asked: Asked, p: Any) -> None:
+    """Refuse floors of more than two kinds of tile, which have no values."""
+    if asked.kinds > 2:
+        raise InputError(
+            f"'mean' needs tiles with values, and not of {asked.kinds} kinds; choose majority",
+            field="task.name",
+        )
 
 
 class Params:
@@ -24,7 +42,7 @@ class Params:
     """Kind of tile; 1 is vibrating."""
 
 
-def truth(floor: Floor, asked: Asked, p: Any) -> float:
+def share_of_kind(floor: Floor, asked: Asked, p: Any) -> float:
     """Return the share of the kind in the arena; that of kind 1 is the fill ratio."""
     return asked.fill_ratio if p.kind == 1 else floor.share_within(p.kind, asked.width_m, asked.height_m)
 
@@ -34,7 +52,7 @@ def estimated(p: Any) -> str:
     return "share of tiles that vibrate" if p.kind == 1 else f"share of tiles of kind {p.kind}"
 
 
-def check(floor: Floor, asked: Asked, p: Any) -> None:
+def check_share(floor: Floor, asked: Asked, p: Any) -> None:
     """Refuse floors whose tiles have values, of which none or all vibrate."""
     if floor.has_contrasts:
         raise InputError(
@@ -42,14 +60,24 @@ def check(floor: Floor, asked: Asked, p: Any) -> None:
         )
 
 
+mean = register(
+    Task(
+        name="mean",
+        truth=mean_value,
+        check=check_mean,
+        about="what is the mean value of the tiles? The robots' estimates are scored",
+        answers=ANSWERS,
+        estimated="mean value of the tiles",
+    )
+)
 share = register(
     Task(
         name="share",
         params=Params,
-        truth=truth,
-        check=check,
+        truth=share_of_kind,
+        check=check_share,
         about="which share of the tiles vibrates, or is of another kind? The robots' estimates are scored",
-        answers=agree.answers,
+        answers=sides,
         estimated=estimated,
     )
 )

@@ -23,7 +23,7 @@ import polars as pl
 from scipy.optimize import minimize
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.blas import with_one_blas_thread
+from vibroswarm.core.child_python import with_one_blas_thread
 from vibroswarm.lab.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
 from vibroswarm.lab.calibrate.fit_sensor import fit_plain, log_likelihoods, unit_of
 from vibroswarm.lab.recordings.recording import Recording

@@ -29,8 +29,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
-from vibroswarm.core.angles import wrapped
-from vibroswarm.core.arrays import Floats
+from vibroswarm.core.arrays import Floats, wrapped
 from vibroswarm.core.optional_library import needed
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError

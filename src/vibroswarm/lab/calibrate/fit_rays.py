@@ -31,8 +31,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.angles import wrapped
-from vibroswarm.core.arrays import Bools, Floats, Ints
+from vibroswarm.core.arrays import Bools, Floats, Ints, wrapped
 from vibroswarm.lab.calibrate.dataset import Dataset, track_of
 from vibroswarm.lab.calibrate.samples import ROUNDING_S, wall_distance
 from vibroswarm.lab.recordings.assemble_recording import STANDING_M

@@ -33,7 +33,7 @@ from scipy.optimize import minimize
 from scipy.special import gammaincinv, gammaln, ndtr
 
 from vibroswarm.core.arrays import Bools, Floats, Ints
-from vibroswarm.core.blas import with_one_blas_thread
+from vibroswarm.core.child_python import with_one_blas_thread
 from vibroswarm.errors import InputError
 from vibroswarm.lab.calibrate.dataset import Dataset
 from vibroswarm.lab.calibrate.few_groups import drawn_variances, evenly_drawn

@@ -21,7 +21,7 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import make_folder, whole_file
 from vibroswarm.core.folders import kind_of, read_manifest
-from vibroswarm.core.tables import Schema, csv_bytes, parquet_bytes, read_table
+from vibroswarm.core.tables import csv_bytes, parquet_bytes, read_frame
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.result import TABLES, Result
@@ -52,14 +52,7 @@ PLACES: Final[dict[str, Any]] = {
 """One row per tracked position."""
 
 
-_EXTRA_TABLES: Final = {
-    "rows": Schema(
-        ROWS,
-        frozenset({"energy", "position_age_s", "avoid_total_s", "stop_total_s"}),
-        ("run", "robot", "sample"),
-    ),
-    "tracks": Schema(PLACES),
-}
+_EXTRA_TABLES: Final = ("rows", "tracks")
 """Additional tables of a recording."""
 
 
@@ -110,9 +103,9 @@ class Recording(Result):
         for name in _EXTRA_TABLES:
             yield f"{name}.parquet", parquet_bytes(getattr(self, name))
 
-    def _more(self) -> dict[str, Any]:
-        """Return what the manifest of a recording says besides that of a result."""
-        return {
+    def _about(self) -> dict[str, Any]:
+        """Return what the manifest of a recording says, besides that of a result."""
+        return super()._about() | {
             "names": list(self.names),
             "sessions": [dict(item) for item in self.sessions],
             "stated": list(self.stated),
@@ -129,8 +122,8 @@ class Recording(Result):
         result = Result._read(folder)
         about = read_manifest(folder)
         values: dict[str, Any] = {one.name: getattr(result, one.name) for one in fields(Result)}
-        for name, schema in _EXTRA_TABLES.items():
-            values[name] = read_table(folder / f"{name}.parquet", schema, name)
+        for name in _EXTRA_TABLES:
+            values[name] = read_frame(folder / f"{name}.parquet", name)
         for key in ("names", "sessions", "stated", "inferred"):
             values[key] = tuple(about[key])
         return cls(**values, floor_words=about["floor"])

@@ -33,7 +33,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.core.blas import with_one_blas_thread
+from vibroswarm.core.child_python import with_one_blas_thread
 from vibroswarm.errors import InputError
 from vibroswarm.lab.tracking import opencv
 from vibroswarm.lab.tracking.video_file import frames_of

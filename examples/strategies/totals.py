@@ -20,22 +20,18 @@ readings never suffice at time 0.
 - Nearly every robot decides by T_end. At its last reading the threshold is still a little above 0, so a robot whose
   score is nearer to 0 stays undecided: 0 of 1000 robots in 1200 s, 6 in 200 s, 91 in 60 s (preset ``paper``, f = 0.48).
 
-Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
-changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
-the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
+vibroswarm run --strategy examples/strategies/totals.py:totals
 """
-
-from __future__ import annotations
 
 import math
 from typing import Annotated
 
 from pydantic import Field
 
-from vibroswarm.core.jit import inner
-from vibroswarm.strategies.base import array, register, strategy_in
-from vibroswarm.strategies.bayes import Row, belief, decision
-from vibroswarm.strategies.world import Draws, Reading, World
+from vibroswarm.strategies import array, strategy_in
+from vibroswarm.strategies.bayes import belief, decision
+
+__all__ = ["belief", "decision", "totals"]
 
 
 class Params:
@@ -71,17 +67,17 @@ class Message:
     samples: int
 
 
-def opposite(m: Row) -> None:
+def opposite(m):
     """Turn ones into zeros."""
     m.ones = m.samples - m.ones
 
 
-def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+def begin(s, a, d, p, w):
     """Start with the prior, and undecided."""
     s.alpha, s.beta, s.decision = w.prior_alpha, w.prior_beta, -1
 
 
-def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+def on_message(s, a, m, sender, t_s, d, p, w):
     """Store the totals of the message as the sender's latest ones, unless a later message of the sender came before.
 
     A message with more readings is later. Only the difference from the sender's last totals is added to the counts.
@@ -95,7 +91,7 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
     a.ones[sender], a.samples[sender] = m.ones, m.samples
 
 
-def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+def on_sample(s, a, x, out, d, p, w):
     """Count the reading, decide by the threshold, and send the own totals."""
     s.ones += x.reading
     s.samples += 1
@@ -114,19 +110,16 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     return True
 
 
-@inner
-def score(ones: int, samples: int, boundary: float) -> float:
+def score(ones, samples, boundary):
     """Return the score z: how far the share of ones lies above the boundary, in about standard deviations."""
     return (ones - boundary * samples) / math.sqrt((samples + 3) / 4.0)
 
 
-totals = register(
-    strategy_in(
-        __name__,
-        "totals",
-        belief=belief,
-        decision=decision,
-        bytes_on_air=5,
-        about="totals: a robot sends its counts; the threshold of its decision falls to 0 at the end",
-    )
+totals = strategy_in(
+    __name__,
+    "totals",
+    belief=belief,
+    decision=decision,
+    bytes_on_air=5,
+    about="totals: a robot sends its counts; the threshold of its decision falls to 0 at the end",
 )
