@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.search.archive import Archive
-from vibroswarm.search.methods import Stage
+from vibroswarm.search.methods import Archive, Stage
 from vibroswarm.search.objective import Objective
 from vibroswarm.search.space import Space
 

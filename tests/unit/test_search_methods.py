@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from helpers import search_functions as functions
-from vibroswarm.search.archive import Archive
 from vibroswarm.search.loop import run_search
-from vibroswarm.search.methods import Stage, method
+from vibroswarm.search.methods import Archive, Stage, method
 from vibroswarm.search.objective import Objective
-from vibroswarm.search.search_files import candidate_table
+from vibroswarm.search.searched import candidate_table
 from vibroswarm.search.space import Space
 from vibroswarm.search.spec import Search
 from vibroswarm.search.validation import front_of
@@ -90,7 +89,7 @@ def test_every_method_keeps_its_account_and_continues(tmp_path: Path, name: str)
         search = replace(search, objectives=(Objective("decision_time", "mean"), Objective("errors", "mean")))
         search = search.with_settings(budget=100)
     whole = run_search(search)
-    assert whole.runs == search.budget
+    assert whole.archive.runs == search.budget
 
     def stop(state: Any) -> None:
         if state.runs > 50:
@@ -103,5 +102,5 @@ def test_every_method_keeps_its_account_and_continues(tmp_path: Path, name: str)
     assert (again.best, again.front) == (whole.best, whole.front)
     if name == "nsga2":
         front = front_of(whole)
-        assert front.table["key"].to_list() == list(whole.front)
-        assert front.table["runs"].to_list() == [max(2000 // len(whole.front), 200)] * len(whole.front)
+        assert front["key"].to_list() == list(whole.front)
+        assert front["runs"].to_list() == [max(2000 // len(whole.front), 200)] * len(whole.front)

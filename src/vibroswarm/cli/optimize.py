@@ -73,21 +73,21 @@ def optimize(
       vibroswarm optimize search.toml --method tpe --budget 5000
       vibroswarm evaluate out/pso/best.toml paper --cost authors_code    compare what was found with a preset
     """
-    from vibroswarm.search.options import search_of, searched
+    from vibroswarm.search.searched import search_of, searched
 
     made = search_of(search, **vars(settings))
     claim(output, "optimize", made.hash)
     _start(made)
-    runs = made.search_runs + made.final_runs
+    settled = made.settings
     report(
-        f"{made.settings.method}: {runs:,} runs, and {made.settings.fresh:,} fresh runs to validate; seed {made.seed}"
+        f"{settled.method}: {made.budget:,} runs, and {settled.fresh:,} fresh runs to validate; seed {made.seed}"
     )
     with progress_bar("searching") as update, progress_bar("fresh runs") as validating:
         found = searched(
             made,
             output.out,
-            progress=lambda now: update(now.runs, now.wanted, f"{now.method}: best so far {now.best:.4g}"),
-            validating=lambda done: validating(done, made.settings.fresh * (1 + len(made.starts))),
+            progress=lambda now: update(now.runs, made.budget, f"{now.method}: best so far {now.best:.4g}"),
+            validating=lambda done: validating(done, settled.fresh * (1 + len(made.starts))),
             **execution.where,
         )
     deliver(found, output)
@@ -115,7 +115,7 @@ def sensitivity(
     example:
       vibroswarm optimize sensitivity search.toml --budget 20000 --out out/which
     """
-    from vibroswarm.search.options import search_of
+    from vibroswarm.search.searched import search_of
     from vibroswarm.search.sensitivity import PIECE, design_of, sobol_indices
 
     made = search_of(search, cost=cost, seed=seed)

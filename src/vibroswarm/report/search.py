@@ -15,8 +15,7 @@ from vibroswarm.plots.search import draw_parameters, draw_search
 from vibroswarm.report.format import Value, write_value
 from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.search.loop import Found
-from vibroswarm.search.options import Searched
-from vibroswarm.search.search_files import candidate_table, history_table
+from vibroswarm.search.searched import Searched, candidate_table, history_table
 from vibroswarm.search.sensitivity import Sensitivity
 from vibroswarm.search.validation import Scored, Truth
 from vibroswarm.simulation import versions
@@ -42,11 +41,10 @@ def of_search(searched: Searched) -> Report:
         answer = list(_answer(found, truth))
         parts |= _tables(found, truth)
     if front is not None:
-        stay = f"{front.table['stays'].sum()} of {front.table.height}"
+        stay = f"{front['stays'].sum()} of {front.height}"
         answer = [f"{stay} candidates stay on the Pareto front of {aims} on fresh runs."]
-        parts["front"] = Table(
-            front.table, "The front", "Believed scores, and those on fresh runs with 95 % limits."
-        )
+        caption = "Believed scores, and those on fresh runs with 95 % limits."
+        parts["front"] = Table(front, "The front", caption)
     if found.history and search.space.size <= FIELDS_UP_TO:
         parts["scores"] = Figure(partial(_scores, found, truth), "How the scores fell")
         parts["parameters"] = Figure(partial(_parameters, found), "Where in their bounds the candidates lay")
@@ -61,7 +59,8 @@ def of_search(searched: Searched) -> Report:
         answer=tuple(answer),
         parts=parts,
         setting=f"{search.settings.method} over {count(search.space.size, 'field')}, "
-        f"{count(len(found.archive), 'candidate')} in {count(found.runs, 'run')}, {count(len(search.cases), 'case')}",
+        f"{count(len(found.archive), 'candidate')} in {count(found.archive.runs, 'run')}, "
+        f"{count(len(search.cases), 'case')}",
         warnings=tuple(_warnings(found, truth)),
         made_by={
             "search": search.hash,

@@ -12,25 +12,34 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import RunError
-from vibroswarm.search.archive import Archive
-from vibroswarm.search.evaluate import Evaluator, Request
-from vibroswarm.search.methods import Ask, Iteration, SearchProgress, Stage, iteration_of, method
+from vibroswarm.search.evaluate import Evaluator, Request, evaluator_for
+from vibroswarm.search.methods import Archive, Ask, Iteration, Stage, chance, iteration_of, method
 from vibroswarm.search.pso import Pso, shared_run
 from vibroswarm.search.space import Values
 from vibroswarm.search.spec import Search
-from vibroswarm.statistics.intervals import generator
-from vibroswarm.study.run import pool_for
 
 ROUNDS: Final = 3
 """Rounds of the finalists."""
 LEAST_RUNS: Final = 20
 """Final runs for each finalist; with fewer the standard error of a mean + sd would exceed a third of it."""
+
+
+class SearchProgress(NamedTuple):
+    """Progress of a search, as it is reported while runs finish."""
+
+    method: str
+    runs: int
+    """Number of finished runs."""
+    best: float
+    """The best score so far; infinite before the first iteration ends."""
+
+
 Progress = Callable[[SearchProgress], None]
 
 
@@ -62,15 +71,9 @@ class Found:
         Only the paper's swarm (``fixed`` or ``as-ran``) without final runs does not estimate again: there it is the
         score with which the winner became a personal best.
         """
-        if self.race or self.search.settings.method != "pso" or not self.search.pso.keeps_scores:
-            score, _ = self.archive.estimate(self.best)
-            return score
-        return self.history[-1].best
-
-    @property
-    def runs(self) -> int:
-        """Number of runs of the search, including final and failed runs."""
-        return self.archive.runs
+        if self.search.keeps_scores and not self.race:
+            return self.history[-1].best
+        return self.archive.estimate(self.best)[0]
 
 
 def run_search(
@@ -90,10 +93,8 @@ def run_search(
         InputError: the folder holds another search, code is not loaded, or a library is missing.
         CodeError: a user's method failed. RunError: every run of the first step failed, or the workers are gone.
     """
-    with pool_for(executor, workers) as pool:
-        return _Loop(
-            search, Evaluator(search, pool, None if folder is None else Path(folder)), progress
-        ).run()
+    with evaluator_for(search, folder, executor, workers) as evaluator:
+        return _Loop(search, evaluator, progress).run()
 
 
 class _Loop:
@@ -102,35 +103,27 @@ class _Loop:
         # Like the paper's program, an as-ran search drops failed runs from scores, and numbers runs in its own way.
         self.archive = Archive(search.space, search.objectives, drops_failed=search.is_as_ran)
         self.next_run = 0
-        self.best = math.inf
-        """The best score so far, for progress."""
 
     def run(self) -> Found:
         search, chosen = self.search, method(self.search.settings.method)
         with errors_in(chosen.code):
             stage = chosen.begin(self.archive, search)
-        if isinstance(
-            stage, Pso
-        ):  # of a search that is continued with a larger budget, that of the smaller one
-            stage.falls_over = int(self.evaluator.about["iterations"])
-        while asks := self._asks(stage, chosen.code):
-            self._step(asks, "evaluations", stage)
-            with errors_in(chosen.code):
-                stage.tell()
-            self.best = stage.history[-1].best if stage.history else self.best
-        is_one = len(search.objectives) == 1
-        if is_one and search.final_runs:
-            final = _Final(self.archive, self._finalists(stage), search.final_runs)
-            while asks := final.ask():
-                self._step(asks, "final runs", final)
-                final.tell()
-            return Found(search, self.archive, final.best(), stage.history, final.history)
-        front = () if is_one else tuple(stage.finalists(len(self.archive)))
-        return Found(search, self.archive, stage.best(), stage.history, [], front)
+            if isinstance(stage, Pso):  # continued with a larger budget, it keeps the inertia of the first
+                stage.falls_over = int(self.evaluator.about["iterations"])
+            self._drive(stage, "evaluations")
+        if len(search.objectives) > 1:
+            front = tuple(stage.finalists(len(self.archive)))
+            return Found(search, self.archive, stage.best(), stage.history, [], front)
+        if not search.final_runs:
+            return Found(search, self.archive, stage.best(), stage.history, [])
+        final = _Final(self.archive, self._finalists(stage), search.final_runs)
+        self._drive(final, "final runs")
+        return Found(search, self.archive, final.best(), stage.history, final.history)
 
-    def _asks(self, stage: Stage, code: str) -> list[Ask]:
-        with errors_in(code):
-            return stage.ask()
+    def _drive(self, stage: Stage, purpose: str) -> None:
+        while asks := stage.ask():
+            self._step(asks, purpose, stage)
+            stage.tell()
 
     def _finalists(self, stage: Stage) -> list[int]:
         """Choose the finalists: the best candidates of the method, and the starts."""
@@ -145,41 +138,37 @@ class _Loop:
         Raises:
             RunError: every run of the first step failed.
         """
-        before, is_first = self.archive.runs, not self.archive.runs
+        before = self.archive.runs
+        best = stage.history[-1].best if stage.history else math.inf
         numbered = [self._numbers(ask, purpose) for ask in asks]
         requests = [
             Request(purpose, self.archive[ask.key].values, runs)
             for ask, (runs, _) in zip(asks, numbered, strict=True)
         ]
-        found = self.evaluator.figures(requests, lambda done: self._report(stage, before + done))
+        found = self.evaluator.figures(
+            requests, lambda done: self.progress(SearchProgress(stage.name, before + done, best))
+        )
         for ask, (_, crashed), figures in zip(asks, numbered, found, strict=True):
             why = figures.why or ("taken to crash (pso.crash_share)" if crashed else "")
             self.archive.add(ask.key, figures.rows, figures.failed + crashed, why)
-        if is_first and self.archive.failed == self.archive.runs:
+        if not before and self.archive.failed == self.archive.runs:
             raise RunError(f"all of the first {self.archive.runs} runs failed: {found[0].why}")
-        self._report(stage, self.archive.runs)
 
-    def _numbers(self, ask: Ask, purpose: str) -> tuple[list[int], int]:
+    def _numbers(self, ask: Ask, purpose: str) -> tuple[Sequence[int], int]:
         """Return the numbers of the runs of a request, and how many more count as crashed.
 
-        Evaluations get the next unused numbers of the search, or with ``numbers = "common"`` those that other
-        candidates have too, as final runs do.
+        Evaluations get the next unused numbers of the search, final runs those that other finalists have too.
         """
         candidate = self.archive[ask.key]
-        if self.search.is_as_ran and purpose == "evaluations":
+        if purpose == "final runs":
+            return range(candidate.count, candidate.count + ask.runs), 0
+        if self.search.is_as_ran:
             runs = [shared_run(candidate.count + e, candidate.iteration) for e in range(ask.runs)]
-            chances = generator(self.search.seed, f"optimizer: crashes {ask.key} {candidate.count}")
-            crashes = chances.random(ask.runs) < self.search.pso.crash_share
-            return [run for run, crash in zip(runs, crashes, strict=True) if not crash], int(crashes.sum())
-        is_common = purpose == "final runs" or self.search.settings.numbers == "common"
-        first = candidate.count if is_common else self.next_run
+            chances = chance(self.search.seed, f"crashes {ask.key} {candidate.count}").random(ask.runs)
+            kept = [run for run, u in zip(runs, chances, strict=True) if u >= self.search.pso.crash_share]
+            return kept, ask.runs - len(kept)
         self.next_run += ask.runs
-        return list(range(first, first + ask.runs)), 0
-
-    def _report(self, stage: Stage, runs: int) -> None:
-        wanted = self.search.search_runs + self.search.final_runs
-        iteration, failed = len(stage.history), self.archive.failed
-        self.progress(SearchProgress(stage.name, iteration, runs, wanted, self.best, failed))
+        return range(self.next_run - ask.runs, self.next_run), 0
 
 
 class _Final:
@@ -189,17 +178,15 @@ class _Final:
 
     def __init__(self, archive: Archive, finalists: Sequence[int], runs: int) -> None:
         self.archive, self.runs = archive, runs
-        self.keys = [archive.new(archive[key].point, f"finalist {key}") for key in finalists]
-        self.left = self.keys
+        self.left = [archive.new(archive[key].point, f"finalist {key}") for key in finalists]
         self.history: list[Iteration] = []
 
     def ask(self) -> list[Ask]:
         rounds = len(self.history)
         if rounds == ROUNDS:
             return []
-        total = self.runs * (rounds + 1) // ROUNDS - self.runs * rounds // ROUNDS
-        count = len(self.left)
-        shares = [total * (k + 1) // count - total * k // count for k in range(count)]
+        total = _part(self.runs, rounds, ROUNDS)
+        shares = [_part(total, k, len(self.left)) for k in range(len(self.left))]
         return [Ask(key, share) for key, share in zip(self.left, shares, strict=True) if share]
 
     def tell(self) -> None:
@@ -214,3 +201,8 @@ class _Final:
 
     def finalists(self, count: int) -> list[int]:
         return sorted(self.left, key=lambda key: (self.archive.estimate(key)[0], key))[:count]
+
+
+def _part(total: int, k: int, of: int) -> int:
+    """Return the size of part k of ``of`` nearly equal parts."""
+    return total * (k + 1) // of - total * k // of

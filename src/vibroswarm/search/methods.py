@@ -1,10 +1,4 @@
-"""Define what a method of search is: it requests runs of candidates, and reads their scores in the archive.
-
-| method | how points are proposed |
-|---|---|
-| pso | the paper's particle swarm (``pso``) |
-| random, sobol, tpe, gp, cmaes, nsga2 | by a sampler of Optuna (``optuna_samplers``) |
-| ``FILE.py:NAME`` | by a sampler of the user's own, an ``optuna_samplers.optuna_method`` |
+"""What a method of search is: it requests runs of candidates, and reads their scores in the archive.
 
 Random numbers of a method depend on the seed, their purpose and the iteration alone, so that it requests the same runs
 after the same history: this is how a search is continued.
@@ -15,18 +9,126 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from itertools import accumulate, compress, pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.registry import Registry
 from vibroswarm.scenario import plugins
-from vibroswarm.search.archive import Archive
+from vibroswarm.search.objective import Objective, Rows
+from vibroswarm.search.space import Point, Space, Values
+from vibroswarm.statistics.fronts import pareto_front
 from vibroswarm.statistics.intervals import generator
 
 if TYPE_CHECKING:
     from vibroswarm.search.spec import Search
+
+
+@dataclass
+class Candidate:
+    """One point of the space with the figures of its runs."""
+
+    key: int
+    point: Point
+    values: Values
+    origin: str
+    """The step that proposed it: "start", "pso 3", ..."""
+    rows: list[Rows] = field(default_factory=list)
+    """Figures of the runs that did not fail: arrays (runs, cases, columns), to be joined along the runs."""
+    failed: int = 0
+    """Runs that failed; a candidate with a failed run cannot win, unless the archive ``drops_failed``."""
+    why: str = ""
+    """Why the first failed run failed."""
+    count: int = 0
+    """Runs requested, including failed ones."""
+    iteration: int = 0
+    """The iteration of a particle swarm that proposed it, from 0."""
+
+
+class Archive:
+    """Candidates by key (0, 1, ...) with the figures of their runs, and their scores under the objectives.
+
+    Args:
+        drops_failed: whether a candidate with failed runs is scored by its other runs, as in the paper's program. By
+            default its score is infinite, so that it cannot win.
+    """
+
+    def __init__(self, space: Space, objectives: Sequence[Objective], *, drops_failed: bool = False) -> None:
+        self.space, self.objectives, self.drops_failed = space, tuple(objectives), drops_failed
+        self.candidates: list[Candidate] = []
+        bounds = [0, *accumulate(objective.width for objective in self.objectives)]
+        self.columns = [slice(first, end) for first, end in pairwise(bounds)]
+        """The columns of each objective in the figures, which stand side by side."""
+        self.runs, self.failed = 0, 0
+        """Runs requested so far, and those of them that failed."""
+        self._computed: dict[Any, Any] = {}
+
+    def __getitem__(self, key: int) -> Candidate:
+        return self.candidates[key]
+
+    def __len__(self) -> int:
+        return len(self.candidates)
+
+    def new(self, point: Point, origin: str, iteration: int = 0) -> int:
+        """Add a candidate at ``point``, clipped to the unit cube, and return its key."""
+        point = np.clip(point, 0.0, 1.0)
+        key = len(self.candidates)
+        self.candidates.append(Candidate(key, point, self.space.values(point), origin, iteration=iteration))
+        return key
+
+    def add(self, key: int, rows: Rows, failed: int = 0, why: str = "") -> None:
+        """Add the figures of runs, (runs, cases, columns), and failed runs to a candidate."""
+        candidate = self[key]
+        candidate.count += rows.shape[0] + failed
+        candidate.failed += failed
+        self.runs, self.failed = self.runs + rows.shape[0] + failed, self.failed + failed
+        candidate.why = candidate.why or why
+        if rows.shape[0]:
+            candidate.rows.append(rows)
+
+    def score(self, key: int, objective: int = 0) -> float:
+        """Compute the score of a candidate under an objective; infinite where no run counts (``drops_failed``)."""
+        return float(self._of_rows(Objective.score, key, objective, math.inf))
+
+    def scores(self, key: int) -> list[float]:
+        """Compute the scores of a candidate under all objectives, in their order."""
+        return [self.score(key, k) for k in range(len(self.objectives))]
+
+    def estimate(self, key: int) -> tuple[float, float]:
+        """Estimate the score under the first objective, corrected for small-sample bias, and its standard error."""
+        score, error = self._of_rows(Objective.estimate, key, 0, (math.inf, math.inf))
+        return score, error
+
+    def _of_rows(
+        self, compute: Callable[[Objective, Rows], Any], key: int, objective: int, without: Any
+    ) -> Any:
+        candidate = self[key]
+        if not candidate.rows or (candidate.failed and not self.drops_failed):
+            return without
+        place = compute, key, objective, len(candidate.rows)
+        if place not in self._computed:
+            rows = np.concatenate(candidate.rows)[:, :, self.columns[objective]]
+            self._computed[place] = compute(self.objectives[objective], rows)
+        return self._computed[place]
+
+    def cautious(self, key: int, caution: float = 1.0) -> float:
+        """Return the estimate plus ``caution`` standard errors; after a single run, which has none, the estimate."""
+        estimate, error = self.estimate(key)
+        return estimate + caution * error if math.isfinite(error) else estimate
+
+    def in_order(self, keys: Iterable[int]) -> list[int]:
+        """Sort candidates by the upper bound that ``cautious`` returns, the lowest first."""
+        return sorted(keys, key=lambda k: (self.cautious(k), k))
+
+    def front(self, keys: Iterable[int]) -> list[int]:
+        """Return which candidates are on the Pareto front, by the score of the first objective."""
+        scores = {key: found for key in keys if np.isfinite(found := self.scores(key)).all()}
+        if not scores:
+            return []
+        on_front = pareto_front(*zip(*scores.values(), strict=True))
+        return sorted(compress(scores, on_front), key=lambda key: (scores[key], key))
 
 
 class Ask(NamedTuple):
@@ -119,23 +221,3 @@ def method(name: str) -> Method:
 def chance(seed: int, purpose: str) -> np.random.Generator:
     """Create the random generator for one purpose, such as "pso 17"."""
     return generator(seed, f"optimizer: {purpose}")
-
-
-class SearchProgress(NamedTuple):
-    """Progress of a search, as it is reported while runs finish."""
-
-    method: str
-    iteration: int
-    """Number of finished iterations."""
-    runs: int
-    """Number of finished runs."""
-    wanted: int
-    """Number of runs of the search."""
-    best: float
-    """The best score so far; infinite before the first iteration ends."""
-    failed: int = 0
-
-    @property
-    def share(self) -> float:
-        """Share of the wanted runs that is done."""
-        return self.runs / max(self.wanted, 1)

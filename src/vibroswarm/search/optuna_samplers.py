@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from vibroswarm.core.optional_library import needed
-from vibroswarm.search.archive import Archive
-from vibroswarm.search.methods import Ask, Iteration, Method, Stage, chance, iteration_of, register
+from vibroswarm.search.methods import Archive, Ask, Iteration, Method, Stage, chance, iteration_of, register
 from vibroswarm.search.space import Dimension
 
 if TYPE_CHECKING:
@@ -65,26 +64,22 @@ class OptunaStage:
         """Optuna's trials of the batch that was requested last, by key."""
         self.optuna = needed("optuna", "optimize", "search.method")
         self.optuna.logging.set_verbosity(self.optuna.logging.ERROR)
-        with warnings.catch_warnings(action="ignore"):  # about experimental features
+        with warnings.catch_warnings(action="ignore"):  # about what is experimental, or shall change
             made = sampler(self.optuna.samplers, int(chance(search.seed, name).integers(2**31)))
-            self.study = self.optuna.create_study(
-                directions=["minimize"] * len(archive.objectives), sampler=made
+        directions = ["minimize"] * len(archive.objectives)
+        self.study = self.optuna.create_study(directions=directions, sampler=made)
+        for start in search.starts:
+            coordinates = zip(archive.space, start.tolist(), strict=True)
+            self.study.enqueue_trial(
+                {d.name: u if self._is_range(d) else d.choice_at(u) for d, u in coordinates}
             )
-            for start in search.starts:
-                self.study.enqueue_trial(
-                    {
-                        d.name: float(u) if self._is_range(d) else d.choice_at(float(u))
-                        for d, u in zip(archive.space, start, strict=True)
-                    }
-                )
 
     def ask(self) -> list[Ask]:
         """Propose the next batch; the list is empty once the budget is spent."""
         count, self.current = min(self.batch, self.left), {}
         for _ in range(count):
-            with warnings.catch_warnings(action="ignore"):
-                trial = self.study.ask()
-                point = np.array([self._coordinate(trial, d) for d in self.archive.space])
+            trial = self.study.ask()
+            point = np.array([self._coordinate(trial, d) for d in self.archive.space])
             self.current[self.archive.new(point, f"{self.name} {len(self.history) + 1}")] = trial
         self.left -= count
         return [Ask(key, self.evaluations) for key in self.current]
@@ -93,11 +88,11 @@ class OptunaStage:
         """Pass the scores of the batch to the sampler; a candidate of which a run failed is a failed trial."""
         for key, trial in self.current.items():
             scores = self.archive.scores(key)
-            is_good = all(map(math.isfinite, scores))
-            state = None if is_good else self.optuna.trial.TrialState.FAIL
-            self.study.tell(trial, scores if is_good else None, state)
-        best = self.best()
-        points = np.array([self.archive[key].point for key in self.current])
+            if all(map(math.isfinite, scores)):
+                self.study.tell(trial, scores)
+            else:
+                self.study.tell(trial, state=self.optuna.trial.TrialState.FAIL)
+        best, points = self.best(), np.array([self.archive[key].point for key in self.current])
         believed, _ = self.archive.estimate(best)
         number = len(self.history) + 1
         self.history.append(iteration_of(self.archive, number, [*self.current], (best, believed), points))
@@ -108,9 +103,8 @@ class OptunaStage:
 
     def finalists(self, count: int) -> list[int]:
         """Return the keys of the best candidates; with several objectives, of those on the Pareto front."""
-        keys: Sequence[int] = range(len(self.archive))
-        is_one = len(self.archive.objectives) == 1
-        return (self.archive.in_order(keys) if is_one else self.archive.front(keys))[:count]
+        ranked = self.archive.in_order if len(self.archive.objectives) == 1 else self.archive.front
+        return ranked(range(len(self.archive)))[:count]
 
     def _coordinate(self, trial: Any, dimension: Dimension) -> float:
         if self._is_range(dimension):
@@ -120,11 +114,6 @@ class OptunaStage:
 
     def _is_range(self, dimension: Dimension) -> bool:
         return self.orders_choices or not dimension.choices
-
-
-def _cmaes(samplers: Any, seed: int) -> Any:
-    needed("cmaes", "optimize", "search.method")
-    return samplers.CmaEsSampler(sigma0=0.3, n_startup_trials=0, seed=seed)
 
 
 def _gp(samplers: Any, seed: int) -> Any:
@@ -138,6 +127,10 @@ def _tpe(samplers: Any, seed: int) -> Any:
     return samplers.TPESampler(
         seed=seed, multivariate=True, constant_liar=True, n_startup_trials=STARTUP_TRIALS
     )
+
+
+def _cmaes(samplers: Any, seed: int) -> Any:
+    return samplers.CmaEsSampler(sigma0=0.3, n_startup_trials=0, seed=seed)
 
 
 def _nsga2(samplers: Any, seed: int) -> Any:

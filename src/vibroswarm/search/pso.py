@@ -35,8 +35,7 @@ import numpy as np
 from pydantic import Field
 
 from vibroswarm.core.frozen_model import FrozenModel
-from vibroswarm.search.archive import Archive
-from vibroswarm.search.methods import Ask, Iteration, Method, chance, iteration_of, register
+from vibroswarm.search.methods import Archive, Ask, Iteration, Method, chance, iteration_of, register
 from vibroswarm.search.space import Point
 
 if TYPE_CHECKING:
@@ -262,7 +261,8 @@ class Pso:
 
 
 def _begin(archive: Archive, search: Search) -> Pso:
-    return Pso(archive, search.seed, search.pso_settings, search.starts)
+    settings = search.pso.model_copy(update={"iterations": search.pso_iterations})
+    return Pso(archive, search.seed, settings, search.starts)
 
 
 PSO = register(Method("pso", _begin))

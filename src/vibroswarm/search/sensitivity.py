@@ -17,9 +17,8 @@ since a standard deviation of few runs would be noise. With several cases, Y is 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -28,11 +27,10 @@ from vibroswarm.core.numbers import count
 from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference.outcomes import Array
-from vibroswarm.search.evaluate import Evaluator, Request, derived_seed
+from vibroswarm.search.evaluate import Request, derived_seed, evaluator_for
 from vibroswarm.search.spec import Search
 from vibroswarm.statistics.intervals import columns_of, generator
 from vibroswarm.statistics.paired import drawn_interval
-from vibroswarm.study.run import pool_for
 
 PIECE: Final = 10
 """Runs of each point of a design."""
@@ -53,7 +51,6 @@ class Sensitivity:
     """Points of the design."""
     replicates: int
     """Runs of each point."""
-    runs: int
     noise_share: float
     """Share of the variance of the points' means that is noise of the runs; 0 with a single run per point."""
 
@@ -62,28 +59,24 @@ def sobol_indices(
     search: Search,
     budget: int = 20_000,
     *,
-    replicates: int = PIECE,
-    executor: str | Executor = "threads",
-    workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
+    **where: Any,
 ) -> Sensitivity:
     """Estimate Sobol indices of the mean cost over the space of a search.
 
     Args:
         budget: largest number of runs; ``design_of`` says how many there are.
-        replicates: runs of each point of the design. executor, workers: see ``study.run.pool_for``.
-        progress: called with the number of finished runs.
+        progress: called with the number of finished runs. where: ``executor``, ``workers``, see ``run_search``.
     Raises:
         InputError: SALib is not installed, or the budget is too small. RunError: a run failed.
     """
-    design = design_of(search, budget, replicates)
     # No two runs have the same number, so that the noise of all runs is independent.
     requests = [
-        Request("sensitivity", search.space.values(point), range(k * replicates, (k + 1) * replicates))
-        for k, point in enumerate(design)
+        Request("sensitivity", search.space.values(point), range(k * PIECE, (k + 1) * PIECE))
+        for k, point in enumerate(design_of(search, budget))
     ]
-    with pool_for(executor, workers) as pool:
-        found = Evaluator(replace(search, objectives=search.objectives[:1]), pool).figures(requests, progress)
+    with evaluator_for(replace(search, objectives=search.objectives[:1]), **where) as evaluator:
+        found = evaluator.figures(requests, progress)
     if failed := sum(one.failed for one in found):
         why = next(one.why for one in found if one.failed)
         raise RunError(f"{count(failed, 'run')} failed, and every point is needed: {why}")
@@ -91,13 +84,13 @@ def sobol_indices(
     return indices(search.space.names, costs, search.seed)
 
 
-def design_of(search: Search, budget: int, replicates: int = PIECE) -> Array:
+def design_of(search: Search, budget: int) -> Array:
     """Draw the design of an analysis (``saltelli``), whose runs are at most ``budget``.
 
     Raises:
         InputError: the budget is too small.
     """
-    return saltelli(search.space.size, budget // replicates, search.seed)
+    return saltelli(search.space.size, budget // PIECE, search.seed)
 
 
 def saltelli(dimensions: int, points: int, seed: int) -> Array:
@@ -159,7 +152,6 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
         table=pl.DataFrame(rows, infer_schema_length=None).sort("total", descending=True, nulls_last=True),
         points=mean.size,
         replicates=replicates,
-        runs=costs.size,
         noise_share=float(noise.mean() / pooled.var()) if pooled.var() > 0 else 0.0,
     )
 
