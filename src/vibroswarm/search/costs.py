@@ -87,10 +87,10 @@ def at_error(outcomes: Outcomes) -> Array:
     """Return the five figures of each run from which ``objective`` computes the time at a given error."""
     check_truth(outcomes)
     # A mistake that costs less than the dearest one counts as part of an error.
-    decided = (~outcomes.undecided).sum(axis=1)
-    robots, t_end_s = (np.full(decided.size, float(one)) for one in (outcomes.robots, outcomes.t_end_s))
     time_s, wrong = outcomes.time_s.mean(axis=1), outcomes.mistakes.sum(axis=1)
-    return np.column_stack([time_s, wrong, decided, robots, t_end_s])
+    decided, robots = (~outcomes.undecided).sum(axis=1), outcomes.decision.shape[1]
+    constant = np.tile([robots, outcomes.t_end_s], (decided.size, 1))
+    return np.column_stack([time_s, wrong, decided, constant])
 
 
 def estimate_error(outcomes: Outcomes) -> Array:

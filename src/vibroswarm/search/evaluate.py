@@ -12,7 +12,7 @@ import io
 import json
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
 from functools import lru_cache
@@ -47,16 +47,8 @@ MOST: Final = 50
 """Fewest and most runs in a piece of work."""
 
 
-class Request(NamedTuple):
-    """Runs of one set of values."""
-
-    purpose: str
-    values: Mapping[str, Any]
-    runs: Sequence[int]
-
-
 class Figures(NamedTuple):
-    """Figures of the runs of a request."""
+    """Figures of requested runs."""
 
     rows: Rows
     """(runs, cases, columns), where the columns of all objectives stand side by side."""
@@ -136,15 +128,17 @@ class Evaluator:
             self._read(self.path)
 
     def figures(
-        self, requests: Sequence[Request], progress: Callable[[int], None] = lambda done: None
+        self,
+        purpose: str,
+        requests: Iterable[tuple[Mapping[str, Any], Sequence[int]]],
+        progress: Callable[[int], None] = lambda done: None,
     ) -> list[Figures]:
         """Return the figures of each request; runs that are not known are simulated, then all are saved.
 
         Args:
-            progress: called with the number of finished runs.
+            requests: sets of values, each with numbers of runs. progress: called with the number of finished runs.
         """
-        keys = [(one.purpose, json.dumps(plain_value(dict(one.values)))) for one in requests]
-        wanted = [*zip(keys, (one.runs for one in requests), strict=True)]
+        wanted = [((purpose, json.dumps(plain_value(dict(values)))), runs) for values, runs in requests]
         pieces = [piece for key, runs in wanted for piece in self._pieces(*key, runs)]
         done = sum(len(runs) for _, runs in wanted) - sum(len(piece.runs) for piece in pieces)
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import RunError
-from vibroswarm.search.evaluate import Evaluator, Request, evaluator_for
+from vibroswarm.search.evaluate import Evaluator, evaluator_for
 from vibroswarm.search.methods import Archive, Ask, Iteration, Stage, chance, iteration_of, method
 from vibroswarm.search.pso import Pso, shared_run
 from vibroswarm.search.space import Values
@@ -140,14 +140,13 @@ class _Loop:
         """
         before = self.archive.runs
         best = stage.history[-1].best if stage.history else math.inf
+
+        def progress(done: int) -> None:
+            self.progress(SearchProgress(stage.name, before + done, best))
+
         numbered = [self._numbers(ask, purpose) for ask in asks]
-        requests = [
-            Request(purpose, self.archive[ask.key].values, runs)
-            for ask, (runs, _) in zip(asks, numbered, strict=True)
-        ]
-        found = self.evaluator.figures(
-            requests, lambda done: self.progress(SearchProgress(stage.name, before + done, best))
-        )
+        wanted = [(self.archive[ask.key].values, runs) for ask, (runs, _) in zip(asks, numbered, strict=True)]
+        found = self.evaluator.figures(purpose, wanted, progress)
         for ask, (_, crashed), figures in zip(asks, numbered, found, strict=True):
             why = figures.why or ("taken to crash (pso.crash_share)" if crashed else "")
             self.archive.add(ask.key, figures.rows, figures.failed + crashed, why)

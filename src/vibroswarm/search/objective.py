@@ -95,18 +95,8 @@ class Objective:
         for name, value in self.parameters.items():
             number_of(value, f"objective.{name}", *bounds)
 
-    @classmethod
-    def of(cls, block: Mapping[str, Any]) -> Objective:
-        """Make an objective from a table of a search's file: ``cost``, ``statistic``, and parameters of the cost.
-
-        Raises:
-            InputError: the cost, statistic or parameter does not exist, or has a wrong value.
-        """
-        values = {"cost": cls.name, "statistic": cls.statistic} | dict(block)
-        return cls(values.pop("cost"), values.pop("statistic"), values)
-
     def as_values(self) -> dict[str, Any]:
-        """Return the table that ``of`` reads."""
+        """Return the table of a search's file from which ``objectives_from`` makes it."""
         return {"cost": self.name, "statistic": self.statistic, **self.parameters}
 
     @property
@@ -326,7 +316,14 @@ def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> t
 
 
 def objectives_from(block: Any) -> tuple[Objective, ...]:
-    """Make one objective from a table of a search's file, or several from a list of tables; see ``Objective.of``."""
+    """Make objectives from a table of a search's file, or a list of tables.
+
+    A table has ``cost``, ``statistic``, and parameters of the cost.
+
+    Raises:
+        InputError: a cost, statistic or parameter does not exist, or has a wrong value.
+    """
     blocks = [block] if isinstance(block, Mapping) else block
     check_kind(blocks, list, "objective", "a table with a cost, or a list of such tables")
-    return tuple(Objective.of(one) for one in blocks)
+    tables = [{"cost": Objective.name, "statistic": Objective.statistic} | table for table in blocks]
+    return tuple(Objective(one.pop("cost"), one.pop("statistic"), one) for one in tables)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +18,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.errors import InputError
 from vibroswarm.inference.agents import arrays_fit, estimate_of, posterior_of, strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
 from vibroswarm.inference.motion_feedback import steered_motion
@@ -36,7 +34,6 @@ from vibroswarm.inference.outcomes import (
     wrong_of,
 )
 from vibroswarm.inference.replay import advance, classes_and_values, replayer_of
-from vibroswarm.inference.replayer import Replayer
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.source import moved
 from vibroswarm.observation.observe import observe, reads_energies
@@ -95,11 +92,6 @@ class Outcomes:
                 value.flags.writeable = False
 
     @property
-    def robots(self) -> int:
-        """Number of robots of a run."""
-        return int(self.decision.shape[1])
-
-    @property
     def undecided(self) -> NDArray[np.bool_]:
         """Which robots are undecided, (runs, robots)."""
         return np.asarray(self.decision == -1)
@@ -151,19 +143,12 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
     ``Outcomes.end_s`` is the end of each run as it was simulated, and the estimates are those at that time.
 
     Args:
-        scenario: the one whose runs the tables hold. tiles: number of tiles of its floor.
-        robots: the table of robots, one row per run and robot, sorted by run, then robot.
-        runs: the table of runs, one row per run, in the same order of runs.
-    Raises:
-        InputError: the numbers of rows do not fit together.
+        robots: a row per run and robot, sorted by run, then robot. runs: a row per run, in the same order.
+        tiles: number of tiles of the floor.
     """
-    if robots.height != runs.height * scenario.swarm.robots:
-        raise InputError(
-            f"{robots.height} rows of robots do not fit {runs.height} runs of {scenario.swarm.robots} robots",
-            field="runs",
-        )
     shape = (runs.height, scenario.swarm.robots)
-    time_s, estimate = (numbers(robots[name]).reshape(shape) for name in ("decision_time_s", "estimate"))
+    names = ("decision_time_s", "estimate", "belief_below")
+    time_s, estimate, belief = (numbers(robots[name]).reshape(shape) for name in names)
     return Outcomes(
         run=runs["run"].to_numpy().astype(np.int64),
         decision=robots["decision"].to_numpy().astype(np.int64).reshape(shape),
@@ -177,7 +162,7 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
         t_end_s=scenario.run.t_end_s,
         strategy=scenario.strategy.name,
         costs=costs_of(scenario),
-        belief_below=numbers(robots["belief_below"]).reshape(shape),
+        belief_below=belief,
     )
 
 
@@ -236,7 +221,7 @@ def _simulated_together(
     first, t_end_s = scenarios[0], scenarios[0].run.t_end_s
     courses = [_Course(scenario, seed, runs) for scenario in scenarios]
     moves, is_steered = any(map(needs_moves, scenarios)), steers(first)
-    before = _needed_s(tuple(getattr(first, section) for section in OF_MOTION))
+    before = _needed_s.setdefault(tuple(getattr(first, section) for section in OF_MOTION), [])
     until_s = t_end_s if is_steered else _cheapest_s(before, t_end_s)
     left = np.argsort(runs)  # indices of runs, in the order that tables have
     while left.size:
@@ -260,11 +245,8 @@ MANY: Final = 100
 """Number of earlier runs that tell how long the next ones take."""
 
 
-@lru_cache(maxsize=16)
-def _needed_s(of_motion: Any) -> list[float]:
-    """Return up to when motion was needed in the last runs with these settings, s: a list that callers extend."""
-    del of_motion
-    return []
+_needed_s: dict[Any, list[float]] = {}
+"""Up to when motion was needed in the last runs, s, by its settings."""
 
 
 def _cheapest_s(needed_s: list[float], t_end_s: float) -> float:
@@ -324,7 +306,11 @@ class _Course:
         ends_s = np.array([end_s(s, self.t_end_s) for s in last_s.tolist()])
         replay(ends_s)
         self.decision[some], self.decision_time_s[some] = decision, time_s
-        self.estimate[some] = self._estimates(replayer).reshape(shape)
+        if self.strategy.has_own_estimate:
+            estimate = np.array(replayer.swarm.states["estimate"])
+        else:
+            estimate = estimate_of(*posterior_of(scenario, replayer.swarm, self.strategy))
+        self.estimate[some] = estimate.reshape(shape)
         self.sent[some] = agents["sent"].reshape(shape)
         replay(ends_s, is_last=True)
         self.belief[some] = agents["belief"].reshape(shape)
@@ -339,12 +325,6 @@ class _Course:
         if self.may_change and not self.stops_early:
             return self.t_end_s
         return min(end_s(decided_s, self.t_end_s) + self.scenario.tick_s, self.t_end_s)
-
-    def _estimates(self, replayer: Replayer) -> Array:
-        """Return each robot's estimate, as in tables, (runs * robots,); nan if the strategy has none."""
-        if self.strategy.has_own_estimate:
-            return np.array(replayer.swarm.states["estimate"])
-        return estimate_of(*posterior_of(self.scenario, replayer.swarm, self.strategy))
 
     def outcomes(self) -> Outcomes:
         """Return the outcomes of all runs, once they are finished."""

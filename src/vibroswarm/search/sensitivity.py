@@ -27,7 +27,7 @@ from vibroswarm.core.numbers import count
 from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference.outcomes import Array
-from vibroswarm.search.evaluate import Request, derived_seed, evaluator_for
+from vibroswarm.search.evaluate import derived_seed, evaluator_for
 from vibroswarm.search.spec import Search
 from vibroswarm.statistics.intervals import columns_of, generator
 from vibroswarm.statistics.paired import drawn_interval
@@ -72,11 +72,11 @@ def sobol_indices(
     """
     # No two runs have the same number, so that the noise of all runs is independent.
     requests = [
-        Request("sensitivity", search.space.values(point), range(k * PIECE, (k + 1) * PIECE))
+        (search.space.values(point), range(k * PIECE, (k + 1) * PIECE))
         for k, point in enumerate(design_of(search, budget))
     ]
     with evaluator_for(replace(search, objectives=search.objectives[:1]), **where) as evaluator:
-        found = evaluator.figures(requests, progress)
+        found = evaluator.figures("sensitivity", requests, progress)
     if failed := sum(one.failed for one in found):
         why = next(one.why for one in found if one.failed)
         raise RunError(f"{count(failed, 'run')} failed, and every point is needed: {why}")

@@ -58,13 +58,6 @@ class Dimension:
     choices: tuple[Any, ...] = ()
     """Values of a list; empty for a range."""
 
-    @classmethod
-    def of(cls, name: str, given: Any) -> Dimension:
-        """Make the dimension of a field from its entry in a search file, a range or a list of values."""
-        if isinstance(given, list) and given:
-            return cls(name, choices=tuple(given))
-        return cls(name, *bounds_of(given, name))
-
     def value(self, u: float) -> Any:
         """Return the value at the coordinate ``u`` in [0, 1]."""
         if self.choices:
@@ -108,7 +101,14 @@ class Space:
         fields = fields_in(block, "space")
         if not fields or "preset" in fields:
             raise InputError("name at least one field with bounds, and no preset", field="space")
-        return cls(tuple(Dimension.of(name, bounds) for name, bounds in fields.items()))
+        return cls(
+            tuple(
+                Dimension(name, choices=tuple(given))
+                if isinstance(given, list) and given
+                else Dimension(name, *bounds_of(given, name))
+                for name, given in fields.items()
+            )
+        )
 
     def __iter__(self) -> Iterator[Dimension]:
         return iter(self.dimensions)

@@ -51,7 +51,7 @@ START: Final = "paper-empirical"
 FINAL_SHARE: Final = 0.4
 """Share of the budget for the finalists. It is large since the relative error of a mean + sd of these costs is about
 1.5 / sqrt(runs): to distinguish candidates that differ by 10 % takes hundreds of runs of each."""
-AMOUNTS: Final = ("budget", "final", "finalists", "fresh")
+AMOUNTS: Final = {"budget", "final", "finalists", "fresh"}
 """Settings that may change when a search is continued."""
 
 
@@ -174,21 +174,18 @@ class Search:
             text = read_text(path, "a search", filled=True)
             return cls.from_toml(text, name=str(path), folder=path.parent, **replaced)
 
-    def to_values(self) -> dict[str, Any]:
-        """Return the search as nested tables for TOML, self-contained; of a cost of one's own they have the name."""
+    def to_toml(self) -> str:
+        """Write the search as TOML, self-contained; of a cost of one's own it has the name."""
         values: dict[str, Any] = tomllib.loads(self.study.to_toml())
         values.pop("runs", None)  # of a study; a search has a budget
-        return values | {
+        values |= {
             "start": [self.space.values(point) for point in self.starts],
             "space": self.space.to_block(),
             "objective": [objective.as_values() for objective in self.objectives],
             "search": self.settings.model_dump(exclude_none=True),
             "pso": self.pso.model_dump(),
         }
-
-    def to_toml(self) -> str:
-        """Write the search as TOML."""
-        return as_toml(self.to_values())
+        return as_toml(values)
 
     def with_settings(self, **changed: Any) -> Search:
         """Copy the search with some ``SearchSettings`` changed."""
@@ -266,11 +263,11 @@ class Search:
     @cached_property
     def hash(self) -> str:
         """16 hexadecimal digits of all but ``AMOUNTS``, which may change when the search is continued."""
-        values = self.to_values()
-        values["search"] = {k: v for k, v in values["search"].items() if k not in AMOUNTS}
-        values["pso"].pop("iterations")
-        costs = [objective.source for objective in self.objectives]
-        text = json.dumps([values, self.study.hash, costs], sort_keys=True, default=str)
+        starts = [self.space.values(point) for point in self.starts]
+        costs = [(objective.as_values(), objective.source) for objective in self.objectives]
+        settings, pso = self.settings.model_dump(exclude=AMOUNTS), self.pso.model_dump(exclude={"iterations"})
+        parts = [self.study.hash, starts, self.space.to_block(), costs, settings, pso]
+        text = json.dumps(parts, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -21,7 +21,7 @@ import polars as pl
 
 from vibroswarm.errors import RunError
 from vibroswarm.inference.outcomes import Array
-from vibroswarm.search.evaluate import Figures, Request, derived_seed, evaluator_for
+from vibroswarm.search.evaluate import Figures, derived_seed, evaluator_for
 from vibroswarm.search.loop import Found
 from vibroswarm.search.objective import (
     LEAST_DIFFERING,
@@ -142,8 +142,7 @@ def _fresh_figures(
     **where: Any,
 ) -> list[Figures]:
     with evaluator_for(search, **where) as evaluator:
-        requests = [Request("fresh runs", values, range(runs)) for values in sets]
-        found = evaluator.figures(requests, progress)
+        found = evaluator.figures("fresh runs", [(values, range(runs)) for values in sets], progress)
     for one in found:
         if not one.runs.size:
             raise RunError(f"all {runs} fresh runs failed: {one.why}")
