@@ -91,8 +91,8 @@ def test_every_method_keeps_its_account_and_continues(tmp_path: Path, name: str)
     whole = run_search(search)
     assert whole.archive.runs == search.budget
 
-    def stop(state: Any) -> None:
-        if state.runs > 50:
+    def stop(runs: int, best: float) -> None:
+        if runs > 50:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

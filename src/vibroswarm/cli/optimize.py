@@ -80,13 +80,15 @@ def optimize(
     _start(made)
     settled = made.settings
     report(
-        f"{settled.method}: {made.budget:,} runs, and {settled.fresh:,} fresh runs to validate; seed {made.seed}"
+        f"{settled.method}: {made.budget:,} runs, and {settled.fresh:,} fresh runs to validate; seed {made.study.seed}"
     )
     with progress_bar("searching") as update, progress_bar("fresh runs") as validating:
         found = searched(
             made,
             output.out,
-            progress=lambda now: update(now.runs, made.budget, f"{now.method}: best so far {now.best:.4g}"),
+            progress=lambda runs, best: update(
+                runs, made.budget, f"{settled.method}: best so far {best:.4g}"
+            ),
             validating=lambda done: validating(done, settled.fresh * (1 + len(made.starts))),
             **execution.where,
         )
@@ -96,7 +98,7 @@ def optimize(
 def _start(search: Search) -> None:
     """Print warnings about the scenarios of a search, and a note if kernels must be compiled first."""
 
-    warn_of(cell.scenario for cell in search.cases)
+    warn_of(cell.scenario for cell in search.study.cells)
     say_compiling(search.study.motion)
 
 
@@ -116,13 +118,13 @@ def sensitivity(
       vibroswarm optimize sensitivity search.toml --budget 20000 --out out/which
     """
     from vibroswarm.search.searched import search_of
-    from vibroswarm.search.sensitivity import PIECE, design_of, sobol_indices
+    from vibroswarm.search.sensitivity import PIECE, saltelli, sobol_indices
 
     made = search_of(search, cost=cost, seed=seed)
-    runs = len(design_of(made, budget)) * PIECE
+    runs = len(saltelli(made.space.size, budget // PIECE, made.study.seed)) * PIECE
     claim(output, "optimize sensitivity", made.hash, budget)
     _start(made)
-    report(f"{runs:,} runs of {len(made.space.names)} fields; seed {made.seed}")
+    report(f"{runs:,} runs of {len(made.space.names)} fields; seed {made.study.seed}")
     with progress_bar("simulating") as update:
         indices = sobol_indices(made, budget, progress=lambda done: update(done, runs), **execution.where)
     deliver(indices, output)

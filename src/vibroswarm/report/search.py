@@ -60,11 +60,11 @@ def of_search(searched: Searched) -> Report:
         parts=parts,
         setting=f"{search.settings.method} over {count(search.space.size, 'field')}, "
         f"{count(len(found.archive), 'candidate')} in {count(found.archive.runs, 'run')}, "
-        f"{count(len(search.cases), 'case')}",
+        f"{count(len(search.study.cells), 'case')}",
         warnings=tuple(_warnings(found, truth)),
         made_by={
             "search": search.hash,
-            "seed": str(search.seed),
+            "seed": str(search.study.seed),
             "engine": search.study.motion,
             **versions(),
         },
@@ -110,7 +110,7 @@ def _tables(found: Found, truth: Truth) -> dict[str, Table | Figure]:
     sets = (truth.winner, *truth.others)
     rows = [_row(one, less) for one, less in zip(sets, (None, *truth.against), strict=True)]
     values = [{"parameters": one.name, **one.values} for one in sets]
-    tables: dict[str, Table | Figure] = {
+    return {
         "truth": Table(
             pl.DataFrame(rows, infer_schema_length=None), "Scores on fresh runs",
             "With 95 % limits; differences: the winner minus this one, run by run.",
@@ -122,14 +122,6 @@ def _tables(found: Found, truth: Truth) -> dict[str, Table | Figure]:
         ),
         "values": Table(pl.DataFrame(values, infer_schema_length=None), "Values"),
     }  # fmt: skip
-    if len(truth.winner.cases) > 1:
-        cases = [
-            {"parameters": one.name, "case": cell.name, **columns_of("score", score)}
-            for one in sets
-            for cell, score in zip(found.search.cases, one.cases, strict=True)
-        ]
-        tables["cases"] = Table(pl.DataFrame(cases), "Scores by case")
-    return tables
 
 
 def _row(one: Scored, less: Interval | None) -> dict[str, object]:

@@ -3,8 +3,8 @@
 from .loop import Found as Found
 from .loop import run_search as run_search
 from .methods import Method as Method
+from .methods import optuna_method as optuna_method
 from .objective import Objective as Objective
-from .optuna_samplers import optuna_method as optuna_method
 from .outcomes import Outcomes as Outcomes
 from .outcomes import outcomes_of as outcomes_of
 from .pso import PsoSettings as PsoSettings

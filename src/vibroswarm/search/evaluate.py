@@ -117,7 +117,7 @@ class Evaluator:
     def __init__(self, search: Search, pool: Pool, folder: str | Path | None = None) -> None:
         self.search, self.pool = search, pool
         self.path = None if folder is None else Path(folder) / ARCHIVE
-        self.cases = tuple(cell.scenario.to_toml() for cell in search.cases)
+        self.cases = tuple(cell.scenario.to_toml() for cell in search.study.cells)
         self.code = plugins.texts_of(search.codes)
         self.known: dict[tuple[str, str], dict[int, Rows | str]] = defaultdict(dict)
         """Figures of each run, or why it failed, by purpose and values, and by number."""
@@ -157,7 +157,7 @@ class Evaluator:
         """Divide the missing runs of a request into pieces, at least one for every second worker."""
         missing = tuple(run for run in runs if run not in self.known[purpose, values])
         size = max(min(math.ceil(len(missing) / max(self.pool.width // 2, 1)), MOST), LEAST)
-        seed, motion = derived_seed(self.search.seed, purpose), self.search.study.motion
+        seed, motion = derived_seed(self.search.study.seed, purpose), self.search.study.motion
         return [
             Piece(purpose, values, missing[low : low + size], seed, motion, self.cases, self.code)
             for low in range(0, len(missing), size)

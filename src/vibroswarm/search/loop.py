@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import RunError
 from vibroswarm.search.evaluate import Evaluator, evaluator_for
 from vibroswarm.search.methods import Archive, Ask, Iteration, Stage, chance, iteration_of, method
-from vibroswarm.search.pso import Pso, shared_run
+from vibroswarm.search.pso import KEEPING, Pso, shared_run
 from vibroswarm.search.space import Values
 from vibroswarm.search.spec import Search
 
@@ -30,17 +30,8 @@ LEAST_RUNS: Final = 20
 """Final runs for each finalist; with fewer the standard error of a mean + sd would exceed a third of it."""
 
 
-class SearchProgress(NamedTuple):
-    """Progress of a search, as it is reported while runs finish."""
-
-    method: str
-    runs: int
-    """Number of finished runs."""
-    best: float
-    """The best score so far; infinite before the first iteration ends."""
-
-
-Progress = Callable[[SearchProgress], None]
+Progress = Callable[[int, float], None]
+"""Takes the number of finished runs, and the best score so far, which is infinite in the first iteration."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +62,7 @@ class Found:
         Only the paper's swarm (``fixed`` or ``as-ran``) without final runs does not estimate again: there it is the
         score with which the winner became a personal best.
         """
-        if self.search.keeps_scores and not self.race:
+        if self.search.noise in KEEPING and not self.race:
             return self.history[-1].best
         return self.archive.estimate(self.best)[0]
 
@@ -82,7 +73,7 @@ def run_search(
     *,
     executor: str | Executor = "threads",
     workers: int | None = None,
-    progress: Progress = lambda state: None,
+    progress: Progress = lambda runs, best: None,
 ) -> Found:
     """Run a search, or continue the one in ``folder``, which may have had a smaller budget.
 
@@ -101,7 +92,7 @@ class _Loop:
     def __init__(self, search: Search, evaluator: Evaluator, progress: Progress) -> None:
         self.search, self.evaluator, self.progress = search, evaluator, progress
         # Like the paper's program, an as-ran search drops failed runs from scores, and numbers runs in its own way.
-        self.archive = Archive(search.space, search.objectives, drops_failed=search.is_as_ran)
+        self.archive = Archive(search.space, search.objectives, drops_failed=search.noise == "as-ran")
         self.next_run = 0
 
     def run(self) -> Found:
@@ -142,7 +133,7 @@ class _Loop:
         best = stage.history[-1].best if stage.history else math.inf
 
         def progress(done: int) -> None:
-            self.progress(SearchProgress(stage.name, before + done, best))
+            self.progress(before + done, best)
 
         numbered = [self._numbers(ask, purpose) for ask in asks]
         wanted = [(self.archive[ask.key].values, runs) for ask, (runs, _) in zip(asks, numbered, strict=True)]
@@ -161,9 +152,9 @@ class _Loop:
         candidate = self.archive[ask.key]
         if purpose == "final runs":
             return range(candidate.count, candidate.count + ask.runs), 0
-        if self.search.is_as_ran:
+        if self.search.noise == "as-ran":
             runs = [shared_run(candidate.count + e, candidate.iteration) for e in range(ask.runs)]
-            chances = chance(self.search.seed, f"crashes {ask.key} {candidate.count}").random(ask.runs)
+            chances = chance(self.search.study.seed, f"crashes {ask.key} {candidate.count}").random(ask.runs)
             kept = [run for run, u in zip(runs, chances, strict=True) if u >= self.search.pso.crash_share]
             return kept, ask.runs - len(kept)
         self.next_run += ask.runs

@@ -323,7 +323,7 @@ def objectives_from(block: Any) -> tuple[Objective, ...]:
     Raises:
         InputError: a cost, statistic or parameter does not exist, or has a wrong value.
     """
-    blocks = [block] if isinstance(block, Mapping) else block
+    blocks: list[dict[str, Any]] = [dict(block)] if isinstance(block, Mapping) else block
     check_kind(blocks, list, "objective", "a table with a cost, or a list of such tables")
     tables = [{"cost": Objective.name, "statistic": Objective.statistic} | table for table in blocks]
     return tuple(Objective(one.pop("cost"), one.pop("statistic"), one) for one in tables)

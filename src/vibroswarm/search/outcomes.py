@@ -9,6 +9,7 @@ same settings of motion share one simulated motion.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -18,7 +19,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.inference.agents import arrays_fit, estimate_of, posterior_of, strategy_used
+from vibroswarm.inference.agents import estimate_of, posterior_of, strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
 from vibroswarm.inference.motion_feedback import steered_motion
 from vibroswarm.inference.outcomes import (
@@ -193,20 +194,15 @@ def outcomes_of(
     Raises:
         InputError: a scenario cannot be simulated.
     """
-    groups: dict[tuple[Any, ...], list[int]] = {}  # indices of the scenarios that share motion
+    groups: dict[tuple[Any, ...], list[int]] = defaultdict(list)  # indices of the scenarios that share motion
     for k, scenario in enumerate(scenarios):
-        # A strategy that steers changes the motion of its robots, so that no other scenario shares it. The index k
-        # makes the key unique.
+        # A strategy that steers changes the motion of its robots: the index k makes the key unique.
         steered = (k,) if steers(scenario) else ()
-        motion_key = (*steered, *(getattr(scenario, section) for section in OF_MOTION))
-        groups.setdefault(motion_key, []).append(k)
+        groups[*steered, *(getattr(scenario, section) for section in OF_MOTION)].append(k)
     by_scenario: dict[int, Outcomes] = {}
     for group in groups.values():
-        at_a_time = min(arrays_fit(scenarios[k]) for k in group)
-        for low in range(0, len(group), at_a_time):
-            some = group[low : low + at_a_time]
-            outcomes = _simulated_together([scenarios[k] for k in some], seed, runs, motion)
-            by_scenario |= dict(zip(some, outcomes, strict=True))
+        outcomes = _simulated_together([scenarios[k] for k in group], seed, runs, motion)
+        by_scenario |= dict(zip(group, outcomes, strict=True))
     return [by_scenario[k] for k in range(len(scenarios))]
 
 
@@ -315,9 +311,8 @@ class _Course:
         replay(ends_s, is_last=True)
         self.belief[some] = agents["belief"].reshape(shape)
         self.end_s[some], self.judged_s[some] = ends_s, judged_s
-        if self.may_change and not self.stops_early:
-            return judged_s
-        known_s: Array = np.maximum(ends_s, judged_s) if self.stops_early else ends_s
+        is_judged_late = self.stops_early or self.may_change
+        known_s: Array = np.maximum(ends_s, judged_s) if is_judged_late else ends_s
         return np.minimum(known_s + scenario.tick_s, self.t_end_s)
 
     def last_s(self, decided_s: float) -> float:

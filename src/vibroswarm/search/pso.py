@@ -45,6 +45,9 @@ FIRST_REEVALUATION: Final = 2
 """Number from which ``shared_run`` counts the evaluations of a candidate. It follows from the 265 distinct run numbers
 of the paper's study: of ten numbers in a row only 2 to 11, times iterations 1 to 50, give 265 distinct products."""
 
+KEEPING: Final = ("fixed", "as-ran")
+"""Values of ``noise`` with which a personal best keeps the score with which it became one, as in the paper."""
+
 
 def shared_run(evaluation: int, iteration: int) -> int:
     """Return the run number of an evaluation as in the paper's program: (evaluation + 2) (iteration + 1).
@@ -92,11 +95,6 @@ class PsoSettings(FrozenModel):
     """With ``as-ran``: share of runs, chosen at random, that count as crashed; in the paper's study a tenth did."""
 
     @property
-    def keeps_scores(self) -> bool:
-        """Whether a personal best keeps the score with which it became one, as in the paper."""
-        return self.noise in ("fixed", "as-ran")
-
-    @property
     def best_of(self) -> int:
         """Number of candidates with extra evaluations in one iteration."""
         rounding_error = 1e-9  # a product such as 0.2 x 25 may come out a little above 5
@@ -105,12 +103,7 @@ class PsoSettings(FrozenModel):
     @property
     def runs_an_iteration(self) -> int:
         """Runs in one iteration."""
-        return self.particles * self.evaluations + self.extra_runs
-
-    @property
-    def extra_runs(self) -> int:
-        """Extra runs in one iteration, of all candidates together."""
-        return self.best_of * self.extra
+        return self.particles * self.evaluations + self.best_of * self.extra
 
 
 class Pso:
@@ -128,16 +121,11 @@ class Pso:
         seed: int,
         settings: PsoSettings,
         starts: Sequence[Point] = (),
-        falls_over: int | None = None,
     ) -> None:
-        """Place the particles: the first ones at the ``starts``, the others uniformly at random.
-
-        Args:
-            falls_over: number of iterations over which the inertia falls; None: all.
-        """
         self.archive, self.seed, self.settings = archive, seed, settings
         self.iterations, self.iteration = settings.iterations, 0
-        self.falls_over = falls_over or settings.iterations
+        self.falls_over = settings.iterations
+        """Number of iterations over which the inertia falls."""
         self.extras = False
         """Whether the first evaluations of this iteration are done, so that the extra ones are requested next."""
         self.history: list[Iteration] = []
@@ -153,7 +141,7 @@ class Pso:
         self.personal: list[int] = []
         """Keys of the personal bests, one per particle; empty before the end of the first iteration."""
         self.kept = np.full(settings.particles, math.inf)
-        """Score of each personal best at the time at which it became one; read only if ``settings.keeps_scores``."""
+        """Score of each personal best at the time at which it became one; read only with a ``noise`` of ``KEEPING``."""
 
     def ask(self) -> list[Ask]:
         """Request runs; the list is empty after the last iteration.
@@ -174,7 +162,7 @@ class Pso:
 
         If extra evaluations are still due, the iteration is not finished, and the next ``ask`` requests them.
         """
-        if not self.extras and self.settings.extra_runs:
+        if not self.extras and self.settings.best_of * self.settings.extra:
             self.extras = True
             return
         self.extras = False
@@ -211,7 +199,7 @@ class Pso:
 
     def _extra_asks(self) -> list[Ask]:
         settings, archive = self.settings, self.archive
-        if settings.keeps_scores:  # "fixed" and "as-ran"
+        if settings.noise in KEEPING:  # "fixed" and "as-ran"
             order = sorted(self.current, key=lambda k: (archive.score(k), k))
             return [Ask(key, settings.extra) for key in order[: settings.best_of]]
         candidates = list(dict.fromkeys([*self.personal, *self.current]))  # each candidate once
@@ -229,13 +217,13 @@ class Pso:
 
     def _score(self, key: int) -> float:
         """Return the score that compares candidates: corrected and cautious, but for ``fixed`` and ``as-ran``."""
-        if self.settings.keeps_scores:
+        if self.settings.noise in KEEPING:
             return self.archive.score(key)
         return self.archive.cautious(key, self.settings.caution)
 
     def _personal_scores(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         """Return the scores of the personal bests, from all their runs so far, but for ``fixed`` and ``as-ran``."""
-        if self.settings.keeps_scores:
+        if self.settings.noise in KEEPING:
             return self.kept
         return np.array([self._score(key) for key in self.personal])
 
@@ -262,7 +250,7 @@ class Pso:
 
 def _begin(archive: Archive, search: Search) -> Pso:
     settings = search.pso.model_copy(update={"iterations": search.pso_iterations})
-    return Pso(archive, search.seed, settings, search.starts)
+    return Pso(archive, search.study.seed, settings, search.starts)
 
 
 PSO = register(Method("pso", _begin))

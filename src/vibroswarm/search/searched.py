@@ -77,7 +77,7 @@ def searched(
     search: Search,
     folder: Path | None = None,
     *,
-    progress: Progress = lambda state: None,
+    progress: Progress = lambda runs, best: None,
     validating: Callable[[int], None] = lambda done: None,
     **where: Any,
 ) -> Searched:
@@ -110,12 +110,12 @@ def write_search(found: Found, folder: Path, front: pl.DataFrame | None = None) 
         tables["front"] = front
     contents = {"search.toml": search.to_toml(), "best.toml": best_scenario(found).to_toml()}
     write_files(folder, contents | {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
-    write_code(folder, [cell.scenario for cell in search.cases], search.settings.method, *search.codes)
+    write_code(folder, [cell.scenario for cell in search.study.cells], search.settings.method, *search.codes)
 
 
 def best_scenario(found: Found) -> Scenario:
     """Return the scenario of the search's first case with the values of the winner."""
-    return found.search.cases[0].scenario.with_values(found.values)
+    return found.search.study.cells[0].scenario.with_values(found.values)
 
 
 def history_table(found: Found) -> pl.DataFrame:

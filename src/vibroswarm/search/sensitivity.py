@@ -65,7 +65,7 @@ def sobol_indices(
     """Estimate Sobol indices of the mean cost over the space of a search.
 
     Args:
-        budget: largest number of runs; ``design_of`` says how many there are.
+        budget: largest number of runs; ``saltelli`` says how many points there are.
         progress: called with the number of finished runs. where: ``executor``, ``workers``, see ``run_search``.
     Raises:
         InputError: SALib is not installed, or the budget is too small. RunError: a run failed.
@@ -73,7 +73,7 @@ def sobol_indices(
     # No two runs have the same number, so that the noise of all runs is independent.
     requests = [
         (search.space.values(point), range(k * PIECE, (k + 1) * PIECE))
-        for k, point in enumerate(design_of(search, budget))
+        for k, point in enumerate(saltelli(search.space.size, budget // PIECE, search.study.seed))
     ]
     with evaluator_for(replace(search, objectives=search.objectives[:1]), **where) as evaluator:
         found = evaluator.figures("sensitivity", requests, progress)
@@ -81,16 +81,7 @@ def sobol_indices(
         why = next(one.why for one in found if one.failed)
         raise RunError(f"{count(failed, 'run')} failed, and every point is needed: {why}")
     costs = np.array([one.rows.mean(axis=1)[:, 0] for one in found])
-    return indices(search.space.names, costs, search.seed)
-
-
-def design_of(search: Search, budget: int) -> Array:
-    """Draw the design of an analysis (``saltelli``), whose runs are at most ``budget``.
-
-    Raises:
-        InputError: the budget is too small.
-    """
-    return saltelli(search.space.size, budget // PIECE, search.seed)
+    return indices(search.space.names, costs, search.study.seed)
 
 
 def saltelli(dimensions: int, points: int, seed: int) -> Array:

@@ -37,11 +37,10 @@ from vibroswarm.errors import InputError, in_file
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.choices import field_error
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.search import methods, optuna_samplers  # noqa: F401  (the second registers methods)
+from vibroswarm.search import methods
 from vibroswarm.search.objective import Objective, objectives_from
-from vibroswarm.search.pso import PsoSettings
+from vibroswarm.search.pso import KEEPING, PsoSettings
 from vibroswarm.search.space import PAPER, Point, Space, Values
-from vibroswarm.study.cells import Cell
 from vibroswarm.study.spec import Study, as_toml
 
 KEYS: Final = ("space", "objective", "search", "pso", "start")
@@ -98,7 +97,7 @@ class Search:
             if name in self.study.varied:
                 raise InputError("is searched over, and varied by the cases too", field=name)
         self._check_bounds()
-        if self.search_budget < 1 or (self._is_pso and self.pso_iterations < 1):
+        if self.search_budget < 1 or (self.noise and self.pso_iterations < 1):
             raise InputError(
                 f"{self.budget} runs are too few, {self.final_runs} of them final runs", field="search.budget"
             )
@@ -115,7 +114,7 @@ class Search:
     def _refusal(self, name: str, values: Values) -> str:
         """Return why a scenario refuses a field with these values; empty: it does not."""
         try:
-            self.cases[0].scenario.with_values(values)
+            self.study.cells[0].scenario.with_values(values)
         except InputError as error:
             return error.reason if f"{error.field}.".startswith(f"{name}.") else ""
         return ""
@@ -192,20 +191,19 @@ class Search:
         return replace(self, settings=SearchSettings(**{**self.settings.model_dump(), **changed}))
 
     @property
-    def seed(self) -> int:
-        """Seed of all random numbers."""
-        return self.study.seed
-
-    @property
-    def cases(self) -> tuple[Cell, ...]:
-        """The scenarios in which every candidate is evaluated."""
-        return self.study.cells
+    def noise(self) -> str:
+        """How the swarm treats noise (``PsoSettings.noise``); empty with other methods."""
+        return self.pso.noise if self.settings.method == "pso" else ""
 
     @property
     def codes(self) -> list[str]:
         """References to users' code: motion, choices, and what scenarios name."""
         choices = [value for one in self.space for value in one.choices if plugins.is_code(value)]
-        return [self.study.motion, *choices, *(code for cell in self.cases for code in cell.scenario.codes)]
+        return [
+            self.study.motion,
+            *choices,
+            *(code for cell in self.study.cells for code in cell.scenario.codes),
+        ]
 
     @cached_property
     def starts(self) -> list[Point]:
@@ -233,27 +231,13 @@ class Search:
         """Runs of the finalists; none with several objectives, and by default none with the paper's swarm."""
         if len(self.objectives) > 1:
             return 0
-        default = 0 if self.keeps_scores else int(FINAL_SHARE * self.budget)
+        default = 0 if self.noise in KEEPING else int(FINAL_SHARE * self.budget)
         return default if self.settings.final is None else self.settings.final
 
     @property
     def search_budget(self) -> int:
         """Runs of the budget that are left for the method."""
         return self.budget - self.final_runs
-
-    @property
-    def _is_pso(self) -> bool:
-        return self.settings.method == "pso"
-
-    @property
-    def keeps_scores(self) -> bool:
-        """Whether it is the paper's swarm, whose personal bests keep their scores."""
-        return self._is_pso and self.pso.keeps_scores
-
-    @property
-    def is_as_ran(self) -> bool:
-        """Whether the search runs as the paper's program did."""
-        return self._is_pso and self.pso.noise == "as-ran"
 
     @property
     def pso_iterations(self) -> int:

@@ -58,8 +58,6 @@ class Scored:
     score: Interval
     """The score over all cases."""
     figures: Figures
-    cases: tuple[Interval, ...]
-    """The score in each case."""
     parts: Mapping[str, Interval]
     """Parts of the score of ``time_at_error``: time, errors and undecided, each in the case where it is worst."""
 
@@ -150,12 +148,9 @@ def _fresh_figures(
 
 
 def scored_of(name: str, values: Values, objective: Objective, figures: Figures) -> Scored:
-    """Compute the score of one set of values, over all cases and in each case, from the figures of its runs."""
-    rows = figures.rows
-    cases = tuple(objective.interval(rows[:, k : k + 1]) for k in range(rows.shape[1]))
-    score = cases[0] if len(cases) == 1 else objective.interval(rows)
-    parts = _parts(rows) if objective.name == "time_at_error" else {}
-    return Scored(name, values, score, figures, cases, parts)
+    """Compute the score of one set of values from the figures of its runs."""
+    parts = _parts(figures.rows) if objective.name == "time_at_error" else {}
+    return Scored(name, values, objective.interval(figures.rows), figures, parts)
 
 
 def paired_score(objective: Objective, first: Scored, second: Scored) -> Interval:
