@@ -37,11 +37,13 @@ from vibroswarm.inference.outcomes import (
 from vibroswarm.inference.replay import advance, classes_and_values, replayer_of
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.source import moved
-from vibroswarm.observation.observe import observe, reads_energies
+from vibroswarm.observation.observe import observe, read_samples, reads_energies
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, OF_OBSERVATION, floors_of, steers
 from vibroswarm.statistics.figures import Swarms
 
+Seen = tuple[NDArray[np.uint8], NDArray[np.float32] | None]
+"""Classes and values of samples, see ``replay.classes_and_values``."""
 POLL_S: Final = 20.0
 """Interval at which the paper's program checked whether all robots had decided, s; see ``end_s``."""
 
@@ -228,7 +230,7 @@ def _simulated_together(
         else:
             until = [tick_at(until_s, first.run.control_period_ms)] * left.size
             shared = moved(motion, first, seed, some, moves, until=until)
-        timeline, seen = timeline_of(first, shared), dict[Any, pl.DataFrame]()
+        timeline, seen = timeline_of(first, shared), dict[Any, Seen]()
         needed_s = np.max([course.take(left, timeline, shared, seen) for course in courses], axis=0)
         before += needed_s.tolist() if left.size == len(runs) else []
         left = left[needed_s > until_s + 1e-9] if until_s < t_end_s else left[:0]
@@ -270,7 +272,7 @@ class _Course:
         self.end_s, self.judged_s = np.empty(len(runs)), np.empty(len(runs))
 
     def take(
-        self, some: NDArray[np.int64], timeline: Timeline, moved: Motion, seen: dict[Any, pl.DataFrame]
+        self, some: NDArray[np.int64], timeline: Timeline, moved: Motion, seen: dict[Any, Seen]
     ) -> Array:
         """Replay runs, write their outcomes, and return up to when their motion is needed, s, (runs,).
 
@@ -280,15 +282,16 @@ class _Course:
         scenario, seed = self.scenario, self.seed
         reads = reads_energies(scenario)
         key = (reads, *(getattr(scenario, section) for section in OF_OBSERVATION))
-        if key not in seen:
-            seen[key] = observe(scenario, seed, moved.samples, self.floors, energies=reads)
+        if key not in seen and reads:
+            seen[key] = classes_and_values(observe(scenario, seed, moved.samples, self.floors))
+        elif key not in seen:  # without the table
+            seen[key] = read_samples(scenario, seed, moved.samples, self.floors).observation, None
         replayer = replayer_of(scenario, seed, timeline)
         agents, shape = replayer.swarm.agents, (some.size, -1)
 
         def replay(limits_s: Array, is_last: bool = False) -> tuple[NDArray[np.int64], Array]:
             """Replay each run up to a limit of its own; return decisions and their times."""
-            read = classes_and_values(seen[key])
-            advance(replayer, scenario, seed, timeline, *read, limits_s, is_last=is_last)
+            advance(replayer, scenario, seed, timeline, *seen[key], limits_s, is_last=is_last)
             return agents["decision"].reshape(shape).copy(), agents["decided_s"].reshape(shape).copy()
 
         decision, time_s = replay(np.full(some.size, np.inf))
