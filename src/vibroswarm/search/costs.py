@@ -119,11 +119,7 @@ COSTS: Final[dict[str, Callable[..., Array]]] = {
 
 
 def check_truth(outcomes: Outcomes) -> None:
-    """Refuse runs whose truth is undefined (nan): no decision is right or wrong there, so that a cost has no meaning.
-
-    Raises:
-        InputError: the fill ratio of a floor is the boundary itself, or the task defines no truth on that floor.
-    """
+    """Refuse runs whose truth is undefined (nan): no decision is right or wrong there, and no cost has a meaning."""
     if np.isnan(outcomes.truth).any():
         raise InputError(
             "no decision is right on a floor: its fill ratio is the decision boundary itself, or the task defines no "
@@ -133,11 +129,7 @@ def check_truth(outcomes: Outcomes) -> None:
 
 
 def check_figures(values: Any, shape: tuple[int, int], name: str) -> Array:
-    """Return what a cost, possibly a user's function, gave as (runs, columns).
-
-    Raises:
-        InputError: the numbers are not one per run, or some are not finite.
-    """
+    """Return what a cost, possibly a user's function, gave as (runs, columns); refuse other shapes, and nan."""
     figures = np.asarray(values, dtype=np.float64)
     if figures.shape not in (shape, shape[:1]):
         raise InputError(
@@ -150,11 +142,7 @@ def check_figures(values: Any, shape: tuple[int, int], name: str) -> Array:
 
 
 def _error(outcomes: Outcomes) -> Array:
-    """Compute abs(f - f*), (runs, robots).
-
-    Raises:
-        InputError: the robots of this strategy do not estimate the fill ratio.
-    """
+    """Compute abs(f - f*), (runs, robots)."""
     if np.isnan(outcomes.estimate).any():
         raise InputError(
             f"needs each robot's estimate of the fill ratio, and strategy '{outcomes.strategy}' lacks some; choose "

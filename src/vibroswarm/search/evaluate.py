@@ -81,10 +81,7 @@ def derived_seed(seed: int, purpose: str) -> int:
 
 
 def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> list[Rows | str]:
-    """Simulate runs; return the figures of each, (cases, columns), or why it failed.
-
-    A run fails if its values make no scenario, or if the simulation or a cost fails.
-    """
+    """Simulate runs; return the figures of each, (cases, columns), or why its scenario, simulation or cost failed."""
     try:
         plugins.install_all(piece.code)  # a worker process may not have loaded the user code yet
         scenarios = [_scenario(text, piece.values) for text in piece.cases]
@@ -106,13 +103,7 @@ def _scenario(text: str, values: str) -> Scenario:
 
 
 class Evaluator:
-    """Simulates runs of the cases of a search.
-
-    Args:
-        folder: where runs are saved, and those of an earlier call are read; None: nowhere.
-    Raises:
-        InputError: the folder holds another search.
-    """
+    """Simulates runs of the cases of a search, and saves them in a folder, if there is one."""
 
     def __init__(self, search: Search, pool: Pool, folder: str | Path | None = None) -> None:
         self.search, self.pool = search, pool
@@ -133,11 +124,7 @@ class Evaluator:
         requests: Iterable[tuple[Mapping[str, Any], Sequence[int]]],
         progress: Callable[[int], None] = lambda done: None,
     ) -> list[Figures]:
-        """Return the figures of each request; runs that are not known are simulated, then all are saved.
-
-        Args:
-            requests: sets of values, each with numbers of runs. progress: called with the number of finished runs.
-        """
+        """Return the figures of each request, a set of values with numbers of runs; those not known are simulated."""
         wanted = [((purpose, json.dumps(plain_value(dict(values)))), runs) for values, runs in requests]
         pieces = [piece for key, runs in wanted for piece in self._pieces(*key, runs)]
         done = sum(len(runs) for _, runs in wanted) - sum(len(piece.runs) for piece in pieces)
@@ -195,7 +182,7 @@ def evaluator_for(
     executor: str | Executor = "threads",
     workers: int | None = None,
 ) -> Iterator[Evaluator]:
-    """Begin to evaluate candidates of a search; for executor and workers see ``study.run.pool_for``."""
+    """Begin to evaluate; for executor and workers see ``study.run.pool_for``."""
     with pool_for(executor, workers) as pool:
         yield Evaluator(search, pool, folder)
 

@@ -57,11 +57,7 @@ class Found:
 
     @property
     def believed(self) -> float:
-        """The winner's score as the search estimates it, under the first objective.
-
-        Only the paper's swarm (``fixed`` or ``as-ran``) without final runs does not estimate again: there it is the
-        score with which the winner became a personal best.
-        """
+        """The winner's score under the first objective; of the paper's swarm that with which it became the best."""
         if self.search.noise in KEEPING and not self.race:
             return self.history[-1].best
         return self.archive.estimate(self.best)[0]
@@ -80,9 +76,6 @@ def run_search(
     Args:
         folder: where runs are saved after each step; None: nowhere.
         executor, workers: see ``study.run.pool_for``. progress: called as runs finish.
-    Raises:
-        InputError: the folder holds another search, code is not loaded, or a library is missing.
-        CodeError: a user's method failed. RunError: every run of the first step failed, or the workers are gone.
     """
     with evaluator_for(search, folder, executor, workers) as evaluator:
         return _Loop(search, evaluator, progress).run()
@@ -124,11 +117,6 @@ class _Loop:
         return [*best, *(self.archive.new(point, "start") for point in starts)]
 
     def _step(self, asks: Sequence[Ask], purpose: str, stage: Stage) -> None:
-        """Add the results of requests to the archive.
-
-        Raises:
-            RunError: every run of the first step failed.
-        """
         before = self.archive.runs
         best = stage.history[-1].best if stage.history else math.inf
 
@@ -145,10 +133,8 @@ class _Loop:
             raise RunError(f"all of the first {self.archive.runs} runs failed: {found[0].why}")
 
     def _numbers(self, ask: Ask, purpose: str) -> tuple[Sequence[int], int]:
-        """Return the numbers of the runs of a request, and how many more count as crashed.
-
-        Evaluations get the next unused numbers of the search, final runs those that other finalists have too.
-        """
+        """Return the numbers of the runs of a request, and how many more count as crashed: other candidates have the
+        numbers of final runs too."""
         candidate = self.archive[ask.key]
         if purpose == "final runs":
             return range(candidate.count, candidate.count + ask.runs), 0

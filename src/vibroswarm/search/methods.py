@@ -58,7 +58,6 @@ class Candidate:
     rows: list[Rows] = field(default_factory=list)
     """Figures of the runs that did not fail: arrays (runs, cases, columns), to be joined along the runs."""
     failed: int = 0
-    """Runs that failed; a candidate with a failed run cannot win, unless the archive ``drops_failed``."""
     why: str = ""
     """Why the first failed run failed."""
     count: int = 0
@@ -70,9 +69,8 @@ class Candidate:
 class Archive:
     """Candidates by key (0, 1, ...) with the figures of their runs, and their scores under the objectives.
 
-    Args:
-        drops_failed: whether a candidate with failed runs is scored by its other runs, as in the paper's program. By
-            default its score is infinite, so that it cannot win.
+    A candidate with failed runs has an infinite score, so that it cannot win; if the archive ``drops_failed``, as the
+    paper's program does, it is scored by its other runs.
     """
 
     def __init__(self, space: Space, objectives: Sequence[Objective], *, drops_failed: bool = False) -> None:
@@ -109,11 +107,11 @@ class Archive:
             candidate.rows.append(rows)
 
     def score(self, key: int, objective: int = 0) -> float:
-        """Compute the score of a candidate under an objective; infinite where no run counts (``drops_failed``)."""
+        """Compute the score of a candidate under an objective."""
         return float(self._of_rows(Objective.score, key, objective, math.inf))
 
     def scores(self, key: int) -> list[float]:
-        """Compute the scores of a candidate under all objectives, in their order."""
+        """Compute the scores of a candidate under all objectives."""
         return [self.score(key, k) for k in range(len(self.objectives))]
 
     def estimate(self, key: int) -> tuple[float, float]:
@@ -184,7 +182,7 @@ def iteration_of(
     points: NDArray[np.float64],
     personal: Iterable[float] = (),
 ) -> Iteration:
-    """Return the record of an iteration: keys and points of its candidates, key and score of the best so far."""
+    """Return the record of an iteration from its candidates, and from key and score of the best so far."""
     finite = [score for score in map(archive.score, keys) if math.isfinite(score)]
     mean = float(np.mean(finite)) if finite else math.inf
     mean_point = tuple(float(u) for u in points.mean(axis=0))
@@ -230,11 +228,7 @@ plugins.KINDS["method"] = plugins.Kind(Method, register, known, "vibroswarm.meth
 
 
 def method(name: str) -> Method:
-    """Return the method of that name, or of a file that is loaded.
-
-    Raises:
-        InputError: there is no such method, or its file is not loaded.
-    """
+    """Return the method of that name, or of a file that is loaded."""
     return plugins.found("method", name)  # type: ignore[no-any-return]
 
 
@@ -307,7 +301,7 @@ class OptunaStage:
         self.history.append(iteration_of(self.archive, number, [*self.current], (best, believed), points))
 
     def best(self) -> int:
-        """Return the key of the candidate whose score has the lowest upper bound (``Archive.cautious``)."""
+        """Return the key of the first ``in_order``."""
         return self.archive.in_order(range(len(self.archive)))[0]
 
     def finalists(self, count: int) -> list[int]:

@@ -68,11 +68,7 @@ Rows = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Objective:
-    """A score to be minimised.
-
-    Raises:
-        InputError: unknown name, statistic or parameter.
-    """
+    """A score to be minimised."""
 
     name: str = "authors_code"
     """Name of the cost: one of ``NAMES``, or any other name if ``function`` is given."""
@@ -125,12 +121,7 @@ class Objective:
         return BY_NAME[self.name].unit if self.name in BY_NAME else ""
 
     def figures(self, outcomes: Outcomes) -> Array:
-        """Compute the figures of each run of ``outcomes``, (runs, width).
-
-        Raises:
-            InputError: the cost gives no finite number for a run, or is not defined on these outcomes.
-            CodeError: a user's cost failed.
-        """
+        """Compute the figures of each run of ``outcomes``, (runs, width)."""
         if self.function is not None:
             place = f"cost '{self.name}'"
             code = getattr(self.function, "__code__", None)
@@ -150,12 +141,8 @@ class Objective:
         """Compute the score with its confidence interval.
 
         The interval of a mean is Student's, of a mean + sd a bootstrap-t, of a mean of shares that of the figure, and
-        of a composite objective a bootstrap over runs; of several cases that of ``worst_case``. A score that cannot be
-        negative has no finite limit below 0. Limits are infinite where ``few_differ``, those of a mean + sd with fewer
-        than ``LEAST_SPREAD`` runs, and those of ``expected_time_to_right`` where no run of a case is right.
-
-        Args:
-            rows: figures of the runs, (runs, cases, columns). level: of confidence. seed: of the bootstrap.
+        of a composite objective a bootstrap over runs; of several cases that of ``worst_case``. Limits that few runs do
+        not give are infinite.
         """
         if (cases := rows.shape[1]) > 1:
             return worst_case(lambda k, at: self.interval(rows[:, k : k + 1], at, seed), cases, level)
@@ -177,7 +164,7 @@ class Objective:
         return without_limits(found) if few_differ(values) else found
 
     def are_too_few(self, runs: int) -> bool:
-        """Return whether the score of so many runs has no limits, whatever their costs are."""
+        """Return whether the score of so many runs has no limits."""
         return runs < (2 if self.name in AIMS or self.statistic == "mean" else LEAST_SPREAD)
 
     def _bootstrap_t(self, rows: Rows, level: float, seed: int) -> Interval:
@@ -200,8 +187,7 @@ class Objective:
     def estimate(self, rows: Rows) -> tuple[float, float]:
         """Estimate the score of ``rows``, (runs, cases, columns), and the standard error of the estimate.
 
-        Only a mean + sd of one case is corrected for its small-sample bias. A mean has no bias. The other scores are
-        not smooth in the data (the worst case, a penalty above a limit), so that the correction would be unstable.
+        Only a mean + sd of one case is corrected for its small-sample bias: the others have none, or are not smooth.
         """
         bias_free, error = corrected(self.score, rows)
         is_smooth = rows.shape[1] == 1 and self.name not in AIMS and self.statistic == "mean+sd"
@@ -243,12 +229,9 @@ def _mean_sd(values: Array) -> tuple[float, float]:
 def worst_case(of_case: Callable[[int, float], Interval], cases: int, level: float = 0.95) -> Interval:
     """Return the highest figure of several cases, with the highest lower and the highest upper limit of the cases.
 
-    The highest of several estimates is too high: a bootstrap of it is above the true value of five equal cases in up to
-    24 of 100 searches. The true value is that of one case, whose upper limit suffices; and at least that of each case,
-    so that their lower limits must hold together (Bonferroni). Cases without the figure (nan) are left out.
-
-    Args:
-        of_case: computes the figure of a case, by its place, at a level of confidence.
+    The highest of several estimates is too high. The true value is that of one case, whose upper limit suffices; and at
+    least that of each case, so that their lower limits must hold together (Bonferroni). Cases without it (nan) are left
+    out.
     """
     alone = [of_case(k, level) for k in range(cases)]
     known = [k for k in range(cases) if not math.isnan(alone[k].estimate)]
@@ -260,10 +243,7 @@ def worst_case(of_case: Callable[[int, float], Interval], cases: int, level: flo
 
 
 def few_differ(rows: Rows) -> bool:
-    """Return whether fewer than ``LEAST_DIFFERING`` runs, and at most half of them, differ from the usual run.
-
-    Limits from such runs would be too narrow, of width 0 if all are alike: others may have been missed by chance.
-    """
+    """Return whether few runs differ from the usual one, so that others may have been missed by chance."""
     runs = len(rows)
     _, counts = np.unique(rows.reshape(runs, -1), axis=0, return_counts=True)
     others = runs - int(counts.max())
@@ -271,7 +251,7 @@ def few_differ(rows: Rows) -> bool:
 
 
 def without_limits(found: Interval) -> Interval:
-    """Return an interval with infinite limits: that its estimate cannot be said to have any."""
+    """Return an interval with infinite limits."""
     return found._replace(low=-math.inf, high=math.inf)
 
 
@@ -302,9 +282,8 @@ def bootstrap(
 def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> tuple[float, float]:
     """Correct a score for its small-sample bias, and estimate its standard error, by the grouped jackknife.
 
-    The bias matters: mean + sd of 10 runs is too low by about a tenth, so that candidates with few runs would look
-    better than others. With g groups of successive runs (or fewer runs than groups) the corrected score is
-    g * score - (g - 1) * mean of the scores without one group. The error of fewer than two runs is infinite.
+    Mean + sd of 10 runs is too low by about a tenth. The corrected score is g * score - (g - 1) * mean of the scores
+    without one of g groups of successive runs.
     """
     runs, estimate = rows.shape[0], score(rows)
     count = min(groups, runs)
@@ -316,13 +295,7 @@ def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> t
 
 
 def objectives_from(block: Any) -> tuple[Objective, ...]:
-    """Make objectives from a table of a search's file, or a list of tables.
-
-    A table has ``cost``, ``statistic``, and parameters of the cost.
-
-    Raises:
-        InputError: a cost, statistic or parameter does not exist, or has a wrong value.
-    """
+    """Make objectives from a table of a search's file (cost, statistic, parameters of the cost), or from several."""
     blocks: list[dict[str, Any]] = [dict(block)] if isinstance(block, Mapping) else block
     check_kind(blocks, list, "objective", "a table with a cost, or a list of such tables")
     tables = [{"cost": Objective.name, "statistic": Objective.statistic} | table for table in blocks]

@@ -141,14 +141,7 @@ class Outcomes:
 
 
 def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, tiles: int) -> Outcomes:
-    """Convert the tables of robots and runs of one scenario to outcomes.
-
-    ``Outcomes.end_s`` is the end of each run as it was simulated, and the estimates are those at that time.
-
-    Args:
-        robots: a row per run and robot, sorted by run, then robot. runs: a row per run, in the same order.
-        tiles: number of tiles of the floor.
-    """
+    """Convert the tables of robots and runs of one scenario to outcomes, with estimates at the end as simulated."""
     shape = (runs.height, scenario.swarm.robots)
     names = ("decision_time_s", "estimate", "belief_below")
     time_s, estimate, belief = (numbers(robots[name]).reshape(shape) for name in names)
@@ -170,14 +163,7 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
 
 
 def end_s(last_decision_s: float, t_end_s: float) -> float:
-    """Return the end of a run for the cost, s: the first multiple of ``POLL_S`` at or after the last decision.
-
-    The end is T_end if that comes earlier, or if a robot is undecided. The paper's program checked every ``POLL_S``
-    whether all robots had decided, and ended the run at such a check.
-
-    Args:
-        last_decision_s: when the last robot decided; inf if a robot is undecided. t_end_s: the latest end of a run.
-    """
+    """Return the end of a run for the cost, s; ``last_decision_s`` is inf if a robot is undecided."""
     if math.isinf(last_decision_s):
         return t_end_s
     return min(math.ceil(last_decision_s / POLL_S) * POLL_S, t_end_s)
@@ -186,15 +172,10 @@ def end_s(last_decision_s: float, t_end_s: float) -> float:
 def outcomes_of(
     scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str = "event"
 ) -> list[Outcomes]:
-    """Simulate runs of each scenario and return their outcomes, in the order of the scenarios.
-
-    Whatever the setting ``run.stop``, a run stops when its outcome is final.
+    """Simulate runs of each scenario; whatever the setting ``run.stop``, a run stops when its outcome is final.
 
     Args:
-        scenarios: one or several. seed: of all runs. runs: numbers of the runs, at least one.
-        motion: name of the motion source.
-    Raises:
-        InputError: a scenario cannot be simulated.
+        seed: of all runs. runs: numbers of the runs, at least one. motion: name of the motion source.
     """
     groups: dict[tuple[Any, ...], list[int]] = defaultdict(list)  # indices of the scenarios that share motion
     for k, scenario in enumerate(scenarios):
@@ -211,10 +192,9 @@ def outcomes_of(
 def _simulated_together(
     scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str
 ) -> list[Outcomes]:
-    """Simulate the motion of each run once, and from it the outcomes of all these scenarios, which share motion.
+    """Simulate motion as far as most runs need it, and once more, to T_end, for those that need more.
 
-    Motion is simulated as far as most runs need it, and once more, to T_end, for those that need more. The arguments
-    and the result are those of ``outcomes_of``. A scenario that steers is the only one.
+    A scenario that steers is the only one.
     """
     first, t_end_s = scenarios[0], scenarios[0].run.t_end_s
     courses = [_Course(scenario, seed, runs) for scenario in scenarios]
@@ -248,11 +228,7 @@ _needed_s: dict[Any, list[float]] = {}
 
 
 def _cheapest_s(needed_s: list[float], t_end_s: float) -> float:
-    """Return up to when runs are best simulated first, s, before those that need more are simulated to ``t_end_s``.
-
-    Args:
-        needed_s: what the last runs needed.
-    """
+    """Return up to when runs are best simulated first, s, from what the last runs needed."""
     times_s = np.sort([*needed_s, t_end_s])
     again = 1.0 - np.arange(1, times_s.size + 1) / times_s.size  # share of the runs that need more
     return float(times_s[np.argmin(times_s + t_end_s * again)])
@@ -262,7 +238,6 @@ class _Course:
     """The runs of one scenario."""
 
     def __init__(self, scenario: Scenario, seed: int, runs: Sequence[int]) -> None:
-        """Make the floors of the runs, and empty arrays of outcomes."""
         self.scenario, self.seed, self.runs, self.strategy = scenario, seed, runs, strategy_used(scenario)
         self.may_change = self.strategy.revises and scenario.decision.revise
         self.stops_early, self.t_end_s = scenario.run.stop == "all_decided", scenario.run.t_end_s
@@ -274,11 +249,7 @@ class _Course:
     def take(
         self, some: NDArray[np.int64], timeline: Timeline, moved: Motion, seen: dict[Any, Seen]
     ) -> Array:
-        """Replay runs, write their outcomes, and return up to when their motion is needed, s, (runs,).
-
-        Args:
-            some: indices of the runs. timeline, moved: their motion. seen: observations by what they depend on.
-        """
+        """Replay runs, by index, write their outcomes, and return up to when their motion is needed, s, (runs,)."""
         scenario, seed = self.scenario, self.seed
         reads = reads_energies(scenario)
         key = (reads, *(getattr(scenario, section) for section in OF_OBSERVATION))
@@ -290,7 +261,6 @@ class _Course:
         agents, shape = replayer.swarm.agents, (some.size, -1)
 
         def replay(limits_s: Array, is_last: bool = False) -> tuple[NDArray[np.int64], Array]:
-            """Replay each run up to a limit of its own; return decisions and their times."""
             advance(replayer, scenario, seed, timeline, *seen[key], limits_s, is_last=is_last)
             return agents["decision"].reshape(shape).copy(), agents["decided_s"].reshape(shape).copy()
 
@@ -325,7 +295,6 @@ class _Course:
         return min(end_s(decided_s, self.t_end_s) + self.scenario.tick_s, self.t_end_s)
 
     def outcomes(self) -> Outcomes:
-        """Return the outcomes of all runs, once they are finished."""
         fills, truth = fills_and_truth(self.scenario, self.floors, self.runs, self.end_s)
         if self.scenario.change.is_given:
             _, truth = fills_and_truth(self.scenario, self.floors, self.runs, self.judged_s)

@@ -50,15 +50,10 @@ KEEPING: Final = ("fixed", "as-ran")
 
 
 def shared_run(evaluation: int, iteration: int) -> int:
-    """Return the run number of an evaluation as in the paper's program: (evaluation + 2) (iteration + 1).
+    """Return the run number of an evaluation as in the paper's program: (evaluation + 2) (iteration + 1), both from 0.
 
     The number does not depend on the particle, so that all particles of an iteration share their runs. Different pairs
-    of evaluation and iteration often have the same number: the ten first evaluations of each of 50 iterations have only
-    265 distinct numbers.
-
-    Args:
-        evaluation: number of the candidate's evaluation, from 0; extra evaluations continue the count.
-        iteration: from 0.
+    often have the same number.
     """
     return (evaluation + FIRST_REEVALUATION) * (iteration + 1)
 
@@ -107,11 +102,7 @@ class PsoSettings(FrozenModel):
 
 
 class Pso:
-    """The swarm, with positions in the unit cube.
-
-    An iteration takes one or two requests: first the evaluations of all particles, then the extra ones if there are
-    any.
-    """
+    """The swarm, with positions in the unit cube. An iteration requests evaluations, then extra ones if any."""
 
     name = "pso"
 
@@ -144,11 +135,7 @@ class Pso:
         """Score of each personal best at the time at which it became one; read only with a ``noise`` of ``KEEPING``."""
 
     def ask(self) -> list[Ask]:
-        """Request runs; the list is empty after the last iteration.
-
-        The first request of an iteration adds a candidate for each particle, and requests its first evaluations. The
-        second requests the extra evaluations.
-        """
+        """Request runs: of an iteration the first evaluations, then the extra ones; none after the last iteration."""
         if self.iteration == self.iterations:
             return []
         if not self.extras:
@@ -158,10 +145,7 @@ class Pso:
         return self._extra_asks()
 
     def tell(self) -> None:
-        """Finish an iteration: update the personal bests, add the iteration to the history, and move the particles.
-
-        If extra evaluations are still due, the iteration is not finished, and the next ``ask`` requests them.
-        """
+        """Finish an iteration, if no extra evaluations are due: update the personal bests, and move the particles."""
         if not self.extras and self.settings.best_of * self.settings.extra:
             self.extras = True
             return
@@ -183,17 +167,11 @@ class Pso:
             self._move()
 
     def best(self) -> int:
-        """Return the key of the candidate that is the global best; of equals, that of the first particle.
-
-        Only after the first iteration: there are no personal bests before.
-        """
+        """Return the key of the candidate that is the global best; of equals, that of the first particle."""
         return self.personal[int(np.argmin(self._personal_scores()))]
 
     def finalists(self, count: int) -> list[int]:
-        """Return the keys of up to ``count`` distinct personal bests, the best first.
-
-        Only after the first iteration, as ``best``.
-        """
+        """Return the keys of up to ``count`` distinct personal bests, the best first."""
         order = np.argsort(self._personal_scores(), kind="stable")
         return list(dict.fromkeys(self.personal[k] for k in order))[:count]
 
@@ -216,13 +194,13 @@ class Pso:
             self.personal[particle], self.kept[particle] = self.current[particle], scores[particle]
 
     def _score(self, key: int) -> float:
-        """Return the score that compares candidates: corrected and cautious, but for ``fixed`` and ``as-ran``."""
+        """Return the score by which candidates are compared."""
         if self.settings.noise in KEEPING:
             return self.archive.score(key)
         return self.archive.cautious(key, self.settings.caution)
 
     def _personal_scores(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Return the scores of the personal bests, from all their runs so far, but for ``fixed`` and ``as-ran``."""
+        """Return the scores of the personal bests, from all their runs so far unless kept."""
         if self.settings.noise in KEEPING:
             return self.kept
         return np.array([self._score(key) for key in self.personal])

@@ -49,8 +49,6 @@ def search_of(
     Args:
         strategy, robots, floor: replace those of the file's scenario.
         settings: ``noise``, ``cost``, ``budget`` and ``fresh``, None as if left out, see ``Search.from_toml``.
-    Raises:
-        InputError: an option or the file is wrong.
     """
     settings["method"] = None if method is None else chosen("method", method)
     search = Search.from_toml("", **settings) if file is None else Search.read(file, **settings)
@@ -86,8 +84,6 @@ def searched(
     Args:
         folder: where it is saved, and continued; None: nowhere. progress: of the search. validating: called with the
             number of finished fresh runs. where: ``executor`` and ``workers``, see ``run_search``.
-    Raises:
-        InputError: the search or the folder is wrong.
     """
     found = run_search(search, folder, progress=progress, **where)
     how = {"folder": folder, "progress": validating, **where}
@@ -99,11 +95,7 @@ def searched(
 
 
 def write_search(found: Found, folder: Path, front: pl.DataFrame | None = None) -> None:
-    """Write the files of a search (see the head of this module), and users' code that it needs, into a folder.
-
-    Raises:
-        RunError: a file cannot be written.
-    """
+    """Write the files of a search (see the head of this module), and users' code that it needs, into a folder."""
     search = found.search
     tables = {"history": history_table(found), "candidates": candidate_table(found)}
     if front is not None:
@@ -121,9 +113,8 @@ def best_scenario(found: Found) -> Scenario:
 def history_table(found: Found) -> pl.DataFrame:
     """Tabulate the iterations of the search, then the rounds of the finalists, a row each.
 
-    Besides scores and numbers of runs, a row has, for each field, the mean coordinate in the unit cube of the
-    candidates of the iteration: converted to a value, and itself, as a fraction of the field's bounds. Of the finalists
-    both are those of the best one. Scores that are not finite are null.
+    The means of a field are those of the candidates of an iteration, and of the finalists those of the best one. Scores
+    that are not finite are null.
     """
     rows, space = [], found.search.space
     for stage, one in [*(("search", i) for i in found.history), *(("race", i) for i in found.race)]:

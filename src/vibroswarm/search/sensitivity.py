@@ -65,10 +65,8 @@ def sobol_indices(
     """Estimate Sobol indices of the mean cost over the space of a search.
 
     Args:
-        budget: largest number of runs; ``saltelli`` says how many points there are.
-        progress: called with the number of finished runs. where: ``executor``, ``workers``, see ``run_search``.
-    Raises:
-        InputError: SALib is not installed, or the budget is too small. RunError: a run failed.
+        budget: largest number of runs. progress: called with the number of finished runs.
+        where: ``executor``, ``workers``, see ``run_search``.
     """
     # No two runs have the same number, so that the noise of all runs is independent.
     requests = [
@@ -88,10 +86,7 @@ def saltelli(dimensions: int, points: int, seed: int) -> Array:
     """Draw Saltelli's design in the unit cube, (N (d + 2), d), for d = ``dimensions`` fields.
 
     N is the largest power of two for which the design has at most ``points`` points: a Sobol sequence is evenly spread
-    only at powers of two. ``seed`` is that of the search.
-
-    Raises:
-        InputError: SALib is not installed, or N would be below 8, which is too few for the indices.
+    only at powers of two.
     """
     sobol = needed("SALib.sample.sobol", "optimize", "optimize sensitivity")
     # N: the bit length of a number, less 1, is the exponent of the largest power of two up to that number. If there are
@@ -114,12 +109,8 @@ def saltelli(dimensions: int, points: int, seed: int) -> Array:
 def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
     """Compute the indices of all fields, with bootstrap limits, from the costs of the runs of a design.
 
-    The bootstrap draws whole blocks of d + 2 points, since the estimators combine the points of a block. Limits are as
-    much wider as few blocks need (``draw_limits``).
-
-    Args:
-        names: of the fields. costs: cost of each run, (N (d + 2), replicates), points in the order of ``saltelli``.
-        seed: of the bootstrap.
+    The bootstrap draws whole blocks of d + 2 points, since the estimators combine the points of a block. ``costs`` is
+    (N (d + 2), replicates), with points in the order of ``saltelli``.
     """
     dimensions, replicates = len(names), costs.shape[1]
     mean = costs.mean(axis=1)
@@ -150,11 +141,8 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
 def _shares(mean: Array, noise: Array) -> Array:
     """Compute first-order and total indices, (2, d), with the estimators of Saltelli (2010).
 
-    The variance of the noise is subtracted from the variance of the means. If nothing is left, all indices are nan.
-
-    Args:
-        mean: mean cost of each point, (blocks, d + 2): A, A with coordinate i of B for each field i, B.
-        noise: the variance of each of these means, (blocks, d + 2).
+    ``mean`` is (blocks, d + 2): A, A with coordinate i of B for each field i, B; ``noise`` its variances. If the noise
+    is all of the variance, the indices are nan.
     """
     a, b = mean[:, 0], mean[:, -1]
     pooled = np.concatenate([a, b])

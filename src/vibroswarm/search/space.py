@@ -69,11 +69,7 @@ class Dimension:
         return min(int(u * len(self.choices)), len(self.choices) - 1)
 
     def share(self, value: Any) -> float:
-        """Return the coordinate of a value in [0, 1]; of a choice, the middle of its part.
-
-        Raises:
-            InputError: the value is out of bounds, or not among the choices.
-        """
+        """Return the coordinate of a value in [0, 1]; of a choice, the middle of its part."""
         is_inside = value in self.choices if self.choices else self.low <= value <= self.high
         if not is_inside:
             bounds = list(self.choices) or f"between {self.low:g} and {self.high:g}"
@@ -93,11 +89,7 @@ class Space:
 
     @classmethod
     def of(cls, block: Mapping[str, Any]) -> Space:
-        """Read a space from a table that maps fields to ranges or lists of values.
-
-        Raises:
-            InputError: a field is unknown or has wrong bounds, or the table is empty.
-        """
+        """Read a space from a table that maps fields to ranges or lists of values."""
         fields = fields_in(block, "space")
         if not fields or "preset" in fields:
             raise InputError("name at least one field with bounds, and no preset", field="space")
@@ -135,11 +127,7 @@ class Space:
         return {d.name: d.value(float(u)) for d, u in zip(self.dimensions, point, strict=True)}
 
     def point(self, values: Mapping[str, Any]) -> Point:
-        """Return the point of the unit cube at which the fields have these values.
-
-        Raises:
-            InputError: a field is missing or not in the space, or its value is out of bounds.
-        """
+        """Return the point of the unit cube at which all fields of the space have these values."""
         if differing := sorted(values.keys() ^ set(self.names)):
             raise InputError("give a value for every field of the space, and no other", field=differing[0])
         return np.array([d.share(values[d.name]) for d in self.dimensions])

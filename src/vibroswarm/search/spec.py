@@ -73,11 +73,7 @@ class SearchSettings(FrozenModel):
 
 @dataclass(frozen=True)
 class Search:
-    """The definition of a search, see the head of this module.
-
-    Raises:
-        InputError: something is wrong.
-    """
+    """The definition of a search, see the head of this module."""
 
     study: Study = field(default_factory=Study)
     """The scenario, the cases (its cells), the seed and the source of motion; its number of runs is ignored."""
@@ -135,8 +131,6 @@ class Search:
         Args:
             folder: where the files that the text names are. cost: replaces all objectives by one, with the statistic
                 of the first. noise, settings: replace ``pso.noise`` and settings of ``[search]``, unless None.
-        Raises:
-            InputError: the text is not TOML, or has an unknown or invalid entry.
         """
         values = parsed_toml(text, name)
         own = {key: values.pop(key) for key in KEYS if key in values}
@@ -163,11 +157,7 @@ class Search:
 
     @classmethod
     def read(cls, path: str | Path, **replaced: Any) -> Search:
-        """Read a search from a TOML file; files that it names are beside it. ``replaced``: see ``from_toml``.
-
-        Raises:
-            InputError: the file cannot be read, or something in it is wrong.
-        """
+        """Read a search from a TOML file; files that it names are beside it. ``replaced``: see ``from_toml``."""
         path = Path(path)
         with in_file(path):
             text = read_text(path, "a search", filled=True)
@@ -207,11 +197,7 @@ class Search:
 
     @cached_property
     def starts(self) -> list[Point]:
-        """The starts as points in the unit cube.
-
-        Raises:
-            InputError: a start lies outside the bounds, or lacks a field.
-        """
+        """The starts as points in the unit cube."""
         default = (START,) if self.space == Space.of(PAPER) else ()
         return [self._point(one) for one in (default if self.start is None else self.start)]
 

@@ -88,10 +88,7 @@ def truth_of(
     Args:
         runs: number of fresh runs; by default that of the search's settings.
         others: further sets of values of the space's fields, each with its name.
-        where: ``folder``, ``executor``, ``workers``, ``progress`` (given the number of finished runs), see
-            ``run_search``.
-    Raises:
-        RunError: all runs of a set of values failed.
+        where: ``folder``, ``executor``, ``workers``, ``progress`` (given the number of finished runs).
     """
     search = found.search
     starts = [(f"start {k + 1}" if len(search.starts) > 1 else "start", search.space.values(point))
@@ -119,11 +116,7 @@ def bias_of(true: Interval, believed: float, error: float) -> Interval:
 def score_fresh(
     search: Search, named: Sequence[tuple[str, Mapping[str, Any]]], runs: int, **where: Any
 ) -> list[Scored]:
-    """Score named sets of values on the same fresh runs, under the first objective; ``where``: see ``truth_of``.
-
-    Raises:
-        RunError: all runs of a set failed.
-    """
+    """Score named sets of values on the same fresh runs, under the first objective; ``where``: see ``truth_of``."""
     objective = search.objectives[0]
     fresh = _fresh_figures(search, [values for _, values in named], runs, **where)
     return [
@@ -174,10 +167,7 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
 
 
 def _parts(rows: Rows) -> dict[str, Interval]:
-    """Compute the parts of ``time_at_error`` from its figures, (runs, cases, columns).
-
-    The intervals of the shares treat each run as a cluster of robots, since robots of a run are not independent.
-    """
+    """Compute the parts of ``time_at_error``; each run is a cluster of robots, which are not independent."""
     time_s, wrong, decided, robots, t_end_s = np.moveaxis(rows, 2, 0)  # (runs, cases) each
     of_cases: dict[str, Callable[[int, float], Interval]] = {
         "decision_time_s": lambda k, at: bounded_mean(time_s[:, k], 0.0, float(t_end_s[0, k]), at),
@@ -191,13 +181,8 @@ def _parts(rows: Rows) -> dict[str, Interval]:
 def front_of(found: Found, **where: Any) -> pl.DataFrame:
     """Score all candidates on the Pareto front of a search on the same fresh runs, under every objective.
 
-    Args:
-        where: see ``truth_of``.
-    Returns:
-        A row for each candidate: key, values, of each objective the believed score and the true one with limits, runs
-        and failed runs, and whether it stays on the front.
-    Raises:
-        RunError: all runs of a candidate failed.
+    A row has key, values, of each objective the believed score and the true one with limits, runs and failed runs, and
+    whether the candidate stays on the front. ``where``: see ``truth_of``.
     """
     search, archive = found.search, found.archive
     runs = max(search.settings.fresh // len(found.front), MIN_FRESH_RUNS)
@@ -237,12 +222,7 @@ def scores_of(runs: Runs, objective: Objective, **how: Any) -> CellScores:
     """Score the cells of a finished study, run by run where they share motion, and the best on fresh runs.
 
     The costs use the robots' estimates at the end of each run as it was simulated. A search uses those soon after the
-    last decision, or at T_end if a robot is undecided (``outcomes.end_s``).
-
-    Args:
-        how: of the fresh runs, further arguments of ``study.run.run``, such as workers.
-    Raises:
-        InputError: runs are missing, or the cost is not defined on them.
+    last decision, or at T_end if a robot is undecided (``outcomes.end_s``). ``how``: arguments of ``study.run.run``.
     """
     runs.check_complete()
     rows = np.concatenate([_figures(runs, cell, objective) for cell in runs.cells], axis=1)
