@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -47,8 +48,6 @@ class Found:
     """The iterations of the method."""
     race: list[Iteration]
     """The rounds of the finalists; empty without final runs."""
-    front: tuple[int, ...] = ()
-    """With several objectives, the keys of the candidates on the Pareto front."""
 
     @property
     def values(self) -> Values:
@@ -94,20 +93,14 @@ class _Loop:
             stage = chosen.begin(self.archive, search)
             if isinstance(stage, Pso):  # continued with a larger budget, it keeps the inertia of the first
                 stage.falls_over = int(self.evaluator.about["iterations"])
-            self._drive(stage, "evaluations")
-        if len(search.objectives) > 1:
-            front = tuple(stage.finalists(len(self.archive)))
-            return Found(search, self.archive, stage.best(), stage.history, [], front)
+            while asks := stage.ask():
+                self._step(asks, stage.history, "evaluations")
+                stage.tell()
         if not search.final_runs:
             return Found(search, self.archive, stage.best(), stage.history, [])
-        final = _Final(self.archive, self._finalists(stage), search.final_runs)
-        self._drive(final, "final runs")
-        return Found(search, self.archive, final.best(), stage.history, final.history)
-
-    def _drive(self, stage: Stage, purpose: str) -> None:
-        while asks := stage.ask():
-            self._step(asks, purpose, stage)
-            stage.tell()
+        step = partial(self._step, purpose="final runs")
+        rounds = race(self.archive, self._finalists(stage), search.final_runs, step)
+        return Found(search, self.archive, rounds[-1].best_key, stage.history, rounds)
 
     def _finalists(self, stage: Stage) -> list[int]:
         """Choose the finalists: the best candidates of the method, and the starts."""
@@ -116,9 +109,8 @@ class _Loop:
         best = stage.finalists(count - len(starts))
         return [*best, *(self.archive.new(point, "start") for point in starts)]
 
-    def _step(self, asks: Sequence[Ask], purpose: str, stage: Stage) -> None:
-        before = self.archive.runs
-        best = stage.history[-1].best if stage.history else math.inf
+    def _step(self, asks: Sequence[Ask], history: Sequence[Iteration], purpose: str) -> None:
+        before, best = self.archive.runs, history[-1].best if history else math.inf
 
         def progress(done: int) -> None:
             self.progress(before + done, best)
@@ -147,36 +139,27 @@ class _Loop:
         return range(self.next_run - ask.runs, self.next_run), 0
 
 
-class _Final:
-    """The finalists: each round has a third of the runs, which its candidates share; the better half goes on."""
+def race(
+    archive: Archive,
+    finalists: Sequence[int],
+    runs: int,
+    step: Callable[[list[Ask], list[Iteration]], None],
+) -> list[Iteration]:
+    """Let finalists begin again: each round has a third of the runs, which are shared; the better half goes on.
 
-    name = "finalists"
-
-    def __init__(self, archive: Archive, finalists: Sequence[int], runs: int) -> None:
-        self.archive, self.runs = archive, runs
-        self.left = [archive.new(archive[key].point, f"finalist {key}") for key in finalists]
-        self.history: list[Iteration] = []
-
-    def ask(self) -> list[Ask]:
-        rounds = len(self.history)
-        if rounds == ROUNDS:
-            return []
-        total = _part(self.runs, rounds, ROUNDS)
-        shares = [_part(total, k, len(self.left)) for k in range(len(self.left))]
-        return [Ask(key, share) for key, share in zip(self.left, shares, strict=True) if share]
-
-    def tell(self) -> None:
-        ranked = self.finalists(len(self.left))
-        best = ranked[0], self.archive.estimate(ranked[0])[0]
-        points = np.array([self.archive[ranked[0]].point])
-        self.history.append(iteration_of(self.archive, len(self.history) + 1, self.left, best, points))
-        self.left = ranked[: math.ceil(len(ranked) / 2)]
-
-    def best(self) -> int:
-        return self.left[0]
-
-    def finalists(self, count: int) -> list[int]:
-        return sorted(self.left, key=lambda key: (self.archive.estimate(key)[0], key))[:count]
+    ``step`` adds the requested runs to the archive.
+    """
+    left = [archive.new(archive[key].point, f"finalist {key}") for key in finalists]
+    history: list[Iteration] = []
+    for number in range(1, ROUNDS + 1):
+        total = _part(runs, number - 1, ROUNDS)
+        shares = [_part(total, k, len(left)) for k in range(len(left))]
+        step([Ask(key, share) for key, share in zip(left, shares, strict=True) if share], history)
+        ranked = sorted(left, key=lambda key: (archive.estimate(key)[0], key))
+        best, points = ranked[0], np.array([archive[ranked[0]].point])
+        history.append(iteration_of(archive, number, left, (best, archive.estimate(best)[0]), points))
+        left = ranked[: math.ceil(len(ranked) / 2)]
+    return history
 
 
 def _part(total: int, k: int, of: int) -> int:

@@ -140,9 +140,9 @@ class Archive:
         """Sort candidates by the upper bound that ``cautious`` returns, the lowest first."""
         return sorted(keys, key=lambda k: (self.cautious(k), k))
 
-    def front(self, keys: Iterable[int]) -> list[int]:
+    def front(self) -> list[int]:
         """Return which candidates are on the Pareto front, by the score of the first objective."""
-        scores = {key: found for key in keys if np.isfinite(found := self.scores(key)).all()}
+        scores = {key: found for key in range(len(self)) if np.isfinite(found := self.scores(key)).all()}
         if not scores:
             return []
         on_front = pareto_front(*zip(*scores.values(), strict=True))
@@ -206,7 +206,7 @@ class Stage(Protocol):
         """Return the key of the candidate that the method ranks first, by the first objective."""
 
     def finalists(self, count: int) -> list[int]:
-        """Return the keys of good candidates, the best first; with several objectives, of the Pareto front."""
+        """Return the keys of good candidates, the best first."""
 
 
 @dataclass(frozen=True)
@@ -302,12 +302,11 @@ class OptunaStage:
 
     def best(self) -> int:
         """Return the key of the first ``in_order``."""
-        return self.archive.in_order(range(len(self.archive)))[0]
+        return self.finalists(1)[0]
 
     def finalists(self, count: int) -> list[int]:
-        """Return the keys of the best candidates; with several objectives, of those on the Pareto front."""
-        ranked = self.archive.in_order if len(self.archive.objectives) == 1 else self.archive.front
-        return ranked(range(len(self.archive)))[:count]
+        """Return the keys of the best candidates."""
+        return self.archive.in_order(range(len(self.archive)))[:count]
 
     def _coordinate(self, trial: Any, dimension: Dimension) -> float:
         if self._is_range(dimension):

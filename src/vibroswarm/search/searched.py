@@ -87,8 +87,8 @@ def searched(
     """
     found = run_search(search, folder, progress=progress, **where)
     how = {"folder": folder, "progress": validating, **where}
-    truth = truth_of(found, **how) if len(search.objectives) == 1 else None
-    front = front_of(found, **how) if found.front else None
+    is_one = len(search.objectives) == 1
+    truth, front = (truth_of(found, **how), None) if is_one else (None, front_of(found, **how))
     if folder is not None:
         write_search(found, folder, front)
     return Searched(found, truth, front)

@@ -178,19 +178,21 @@ def _parts(rows: Rows) -> dict[str, Interval]:
     return {name: worst_case(of_case, rows.shape[1]) for name, of_case in of_cases.items()}
 
 
-def front_of(found: Found, **where: Any) -> pl.DataFrame:
+def front_of(found: Found, **where: Any) -> pl.DataFrame | None:
     """Score all candidates on the Pareto front of a search on the same fresh runs, under every objective.
 
     A row has key, values, of each objective the believed score and the true one with limits, runs and failed runs, and
-    whether the candidate stays on the front. ``where``: see ``truth_of``.
+    whether the candidate stays on the front. None: no candidate has a score. ``where``: see ``truth_of``.
     """
     search, archive = found.search, found.archive
-    runs = max(search.settings.fresh // len(found.front), MIN_FRESH_RUNS)
+    if not (front := archive.front()):
+        return None
+    runs = max(search.settings.fresh // len(front), MIN_FRESH_RUNS)
     words = [objective.words for objective in search.objectives]
     names = [f"{one} ({k + 1})" if words.count(one) > 1 else one for k, one in enumerate(words)]
-    fresh = _fresh_figures(search, [archive[key].values for key in found.front], runs, **where)
+    fresh = _fresh_figures(search, [archive[key].values for key in front], runs, **where)
     rows = []
-    for key, figures in zip(found.front, fresh, strict=True):
+    for key, figures in zip(front, fresh, strict=True):
         row: dict[str, Any] = {"key": key, **archive[key].values}
         scored = zip(names, search.objectives, archive.columns, archive.scores(key), strict=True)
         for name, objective, columns, believed in scored:
