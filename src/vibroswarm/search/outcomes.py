@@ -219,6 +219,8 @@ def _simulated_together(
     return [course.outcomes() for course in courses]
 
 
+AGAIN: Final = 1.3
+"""What a run costs that is simulated again, with its replay, in runs."""
 MANY: Final = 100
 """Number of earlier runs that tell how long the next ones take."""
 
@@ -231,7 +233,7 @@ def _cheapest_s(needed_s: list[float], t_end_s: float) -> float:
     """Return up to when runs are best simulated first, s, from what the last runs needed."""
     times_s = np.sort([*needed_s, t_end_s])
     again = 1.0 - np.arange(1, times_s.size + 1) / times_s.size  # share of the runs that need more
-    return float(times_s[np.argmin(times_s + t_end_s * again)])
+    return float(times_s[np.argmin(times_s + AGAIN * t_end_s * again)])
 
 
 class _Course:
