@@ -121,7 +121,7 @@ def sensitivity(
     from vibroswarm.search.sensitivity import PIECE, saltelli, sobol_indices
 
     made = search_of(search, cost=cost, seed=seed)
-    runs = len(saltelli(made.space.size, budget // PIECE, made.study.seed)) * PIECE
+    runs = len(saltelli(len(made.space.names), budget // PIECE, made.study.seed)) * PIECE
     claim(output, "optimize sensitivity", made.hash, budget)
     _start(made)
     report(f"{runs:,} runs of {len(made.space.names)} fields; seed {made.study.seed}")

@@ -45,7 +45,7 @@ def of_search(searched: Searched) -> Report:
         answer = [f"{stay} candidates stay on the Pareto front of {aims} on fresh runs."]
         caption = "Believed scores, and those on fresh runs with 95 % limits."
         parts["front"] = Table(front, "The front", caption)
-    if found.history and search.space.size <= FIELDS_UP_TO:
+    if found.history and len(search.space.names) <= FIELDS_UP_TO:
         parts["scores"] = Figure(partial(_scores, found, truth), "How the scores fell")
         parts["parameters"] = Figure(partial(_parameters, found), "Where in their bounds the candidates lay")
     best = candidate_table(found).sort("score", nulls_last=True).head(BEST)
@@ -58,7 +58,7 @@ def of_search(searched: Searched) -> Report:
         title=search.study.name or f"A search for the lowest {aims}",
         answer=tuple(answer),
         parts=parts,
-        setting=f"{search.settings.method} over {count(search.space.size, 'field')}, "
+        setting=f"{search.settings.method} over {count(len(search.space.names), 'field')}, "
         f"{count(len(found.archive), 'candidate')} in {count(found.archive.runs, 'run')}, "
         f"{count(len(search.study.cells), 'case')}",
         warnings=tuple(_warnings(found, truth)),

@@ -19,6 +19,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import accumulate, compress, pairwise
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
@@ -247,17 +248,14 @@ def optuna_method(
         orders_choices: whether the sampler knows ranges only. several: whether it takes several objectives.
     """
 
-    def begin(archive: Archive, search: Search) -> Stage:
-        return OptunaStage(name, archive, search, sampler, batch, orders_choices)
-
-    return Method(name, begin, several)
+    return Method(name, partial(OptunaStage, name, sampler, batch, orders_choices), several)
 
 
 class OptunaStage:
     """A search with a sampler, which sees the coordinate of a range and the index of a choice, not values."""
 
     def __init__(
-        self, name: str, archive: Archive, search: Search, sampler: Sampler, batch: int, orders_choices: bool
+        self, name: str, sampler: Sampler, batch: int, orders_choices: bool, archive: Archive, search: Search
     ) -> None:
         self.name, self.archive, self.evaluations = name, archive, search.settings.evaluations
         self.batch, self.orders_choices = batch, orders_choices

@@ -92,8 +92,8 @@ class PsoSettings(FrozenModel):
     @property
     def best_of(self) -> int:
         """Number of candidates with extra evaluations in one iteration."""
-        rounding_error = 1e-9  # a product such as 0.2 x 25 may come out a little above 5
-        return math.ceil(self.extra_share * self.particles - rounding_error)
+        # Less rounding: a product such as 0.2 x 25 may come out a little above 5.
+        return math.ceil(self.extra_share * self.particles - 1e-9)
 
     @property
     def runs_an_iteration(self) -> int:
@@ -120,7 +120,7 @@ class Pso:
         self.extras = False
         """Whether the first evaluations of this iteration are done, so that the extra ones are requested next."""
         self.history: list[Iteration] = []
-        shape = (settings.particles, archive.space.size)
+        shape = (settings.particles, len(archive.space.names))
         random = chance(seed, "pso begins")
         self.position = random.random(shape)
         span = 0.0 if settings.noise == "as-ran" else settings.first_velocity
@@ -176,13 +176,12 @@ class Pso:
         return list(dict.fromkeys(self.personal[k] for k in order))[:count]
 
     def _extra_asks(self) -> list[Ask]:
-        settings, archive = self.settings, self.archive
-        if settings.noise in KEEPING:  # "fixed" and "as-ran"
-            order = sorted(self.current, key=lambda k: (archive.score(k), k))
-            return [Ask(key, settings.extra) for key in order[: settings.best_of]]
-        candidates = list(dict.fromkeys([*self.personal, *self.current]))  # each candidate once
-        candidates.sort(key=lambda k: (archive.estimate(k)[0], k))
-        return [Ask(key, settings.extra) for key in candidates[: settings.best_of]]
+        if self.settings.noise in KEEPING:
+            ranked = sorted(self.current, key=lambda k: (self.archive.score(k), k))
+        else:
+            candidates = {*self.personal, *self.current}
+            ranked = sorted(candidates, key=lambda k: (self.archive.estimate(k)[0], k))
+        return [Ask(key, self.settings.extra) for key in ranked[: self.settings.best_of]]
 
     def _update_bests(self) -> None:
         """Replace the personal best of each particle whose current candidate has a lower score."""

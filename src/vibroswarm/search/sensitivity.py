@@ -71,7 +71,7 @@ def sobol_indices(
     # No two runs have the same number, so that the noise of all runs is independent.
     requests = [
         (search.space.values(point), range(k * PIECE, (k + 1) * PIECE))
-        for k, point in enumerate(saltelli(search.space.size, budget // PIECE, search.study.seed))
+        for k, point in enumerate(saltelli(len(search.space.names), budget // PIECE, search.study.seed))
     ]
     with evaluator_for(replace(search, objectives=search.objectives[:1]), **where) as evaluator:
         found = evaluator.figures("sensitivity", requests, progress)

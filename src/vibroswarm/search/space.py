@@ -106,11 +106,6 @@ class Space:
         return iter(self.dimensions)
 
     @property
-    def size(self) -> int:
-        """Number of fields."""
-        return len(self.dimensions)
-
-    @property
     def names(self) -> list[str]:
         """Dotted names of the fields."""
         return [d.name for d in self.dimensions]

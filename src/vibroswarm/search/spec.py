@@ -100,7 +100,7 @@ class Search:
 
     def _check_bounds(self) -> None:
         """Refuse bounds and choices outside the range of a field, whatever the other fields are."""
-        corners = [self.space.values(np.full(self.space.size, u)) for u in (0.5, 0.0, 1.0)]
+        corners = [self.space.values(np.full(len(self.space.names), u)) for u in (0.5, 0.0, 1.0)]
         for dimension in self.space:
             name = dimension.name
             for value in dimension.choices or (dimension.value(0.0), dimension.value(1.0)):
