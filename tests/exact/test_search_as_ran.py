@@ -119,7 +119,7 @@ def small(**settings: Any) -> Search:
 
 def test_a_search_counts_its_crashed_runs_and_still_has_a_winner(monkeypatch: pytest.MonkeyPatch) -> None:
     def piece(part: Any, objectives: Any) -> Any:
-        return [np.full((1, 1), float(run % 5)) for run in part.runs]
+        return [(None, [float(run % 5)]) for run in part.runs]
 
     monkeypatch.setattr(evaluate, "do_piece", piece)
     found = run_search(small(crash_share=0.4))

@@ -42,6 +42,7 @@ SAVED: Final[dict[str, Any]] = {
     "figures": pl.List(pl.Float64),
 }  # fmt: skip
 """Its columns; ``failed`` is why a run failed, ``figures`` are those of all cases in a row."""
+NO_ROWS: Final = np.empty((0, 1, 1))
 LEAST: Final = 5
 MOST: Final = 50
 """Fewest and most runs in a piece of work."""
@@ -57,6 +58,10 @@ class Figures(NamedTuple):
     failed: int = 0
     why: str = ""
     """Why the first of the failed runs failed."""
+
+
+Outcome = tuple[str | None, list[float] | None]
+"""Of a run: why it failed, or its figures of all cases in a row."""
 
 
 class Piece(NamedTuple):
@@ -80,21 +85,21 @@ def derived_seed(seed: int, purpose: str) -> int:
     return int.from_bytes(hashlib.sha256(f"optimizer: {purpose} of {seed}".encode()).digest()[:7])
 
 
-def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> list[Rows | str]:
-    """Simulate runs; return the figures of each, (cases, columns), or why its scenario, simulation or cost failed."""
+def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> list[Outcome]:
+    """Simulate runs; a run fails if its values make no scenario, or its simulation or a cost fails."""
     try:
         plugins.install_all(piece.code)  # a worker process may not have loaded the user code yet
         scenarios = [_scenario(text, piece.values) for text in piece.cases]
         outcomes = outcomes_of(scenarios, piece.seed, piece.runs, piece.motion)
         figures = [np.hstack([o.figures(case) for o in objectives]) for case in outcomes]
-        return list(np.stack(figures, axis=1))
+        return [(None, of_run) for of_run in np.hstack(figures).tolist()]
     except (MemoryError, OSError):  # of the machine, not of the runs
         raise
     except Exception as error:
         if len(piece.runs) > 1:
             return [do_piece(piece._replace(runs=(run,)), objectives)[0] for run in piece.runs]
         is_worded = isinstance(error, InputError | RunError)
-        return [str(error) if is_worded else f"{type(error).__name__}: {error}"]
+        return [(str(error) if is_worded else f"{type(error).__name__}: {error}", None)]
 
 
 @lru_cache(maxsize=512)
@@ -110,8 +115,8 @@ class Evaluator:
         self.path = None if folder is None else Path(folder) / ARCHIVE
         self.cases = tuple(cell.scenario.to_toml() for cell in search.study.cells)
         self.code = plugins.texts_of(search.codes)
-        self.known: dict[tuple[str, str], dict[int, Rows | str]] = defaultdict(dict)
-        """Figures of each run, or why it failed, by purpose and values, and by number."""
+        self.known: dict[tuple[str, str], dict[int, Outcome]] = defaultdict(dict)
+        """Outcome of each run by purpose and values, and by number."""
         self.saved = pl.DataFrame(schema=SAVED)
         code, iterations = str(versions()["code"]), str(search.pso_iterations)
         self.about = {"search": search.hash, "code": code, "iterations": iterations}
@@ -129,7 +134,7 @@ class Evaluator:
         pieces = [piece for key, runs in wanted for piece in self._pieces(*key, runs)]
         done = sum(len(runs) for _, runs in wanted) - sum(len(piece.runs) for piece in pieces)
 
-        def take(results: list[Rows | str], piece: Piece) -> None:
+        def take(results: list[Outcome], piece: Piece) -> None:
             nonlocal done
             self.known[piece.purpose, piece.values] |= dict(zip(piece.runs, results, strict=True))
             done += len(piece.runs)
@@ -138,7 +143,7 @@ class Evaluator:
         do_all(self.pool, do_piece, pieces, take, self.search.objectives)
         if self.path is not None and pieces:
             self._save(self.path, pieces)
-        return [_joined([(run, self.known[key][run]) for run in runs]) for key, runs in wanted]
+        return [self._joined({run: self.known[key][run] for run in runs}) for key, runs in wanted]
 
     def _pieces(self, purpose: str, values: str, runs: Sequence[int]) -> list[Piece]:
         """Divide the missing runs of a request into pieces, at least one for every second worker."""
@@ -150,13 +155,18 @@ class Evaluator:
             for low in range(0, len(missing), size)
         ]
 
+    def _joined(self, found: Mapping[int, Outcome]) -> Figures:
+        good = {run: figures for run, (_, figures) in found.items() if figures is not None}
+        bad = [why for why, _ in found.values() if why is not None]
+        rows = np.array([*good.values()]).reshape(len(good), len(self.cases), -1) if good else NO_ROWS
+        return Figures(rows, np.array([*good], dtype=np.int64), len(bad), bad[0] if bad else "")
+
     def _save(self, path: Path, pieces: Sequence[Piece]) -> None:
-        rows = []
-        for piece in pieces:
-            for run in piece.runs:
-                found = self.known[piece.purpose, piece.values][run]
-                of_run = (found, None) if isinstance(found, str) else (None, found.ravel().tolist())
-                rows.append((piece.purpose, piece.values, run, *of_run))
+        rows = [
+            (piece.purpose, piece.values, run, *self.known[piece.purpose, piece.values][run])
+            for piece in pieces
+            for run in piece.runs
+        ]
         self.saved = pl.concat([self.saved, pl.DataFrame(rows, SAVED, orient="row")], rechunk=True)
         make_folder(path.parent)
         write_file(path, parquet_bytes(self.saved, self.about))
@@ -171,8 +181,7 @@ class Evaluator:
                 return
             self.saved, self.about["iterations"] = saved, about["iterations"]
             for purpose, values, run, failed, figures in saved.iter_rows():
-                of_run = failed or np.reshape(figures, (len(self.cases), -1))
-                self.known[purpose, values][run] = of_run
+                self.known[purpose, values][run] = failed, figures
 
 
 @contextmanager
@@ -185,11 +194,3 @@ def evaluator_for(
     """Begin to evaluate; for executor and workers see ``study.run.pool_for``."""
     with pool_for(executor, workers) as pool:
         yield Evaluator(search, pool, folder)
-
-
-def _joined(found: Sequence[tuple[int, Rows | str]]) -> Figures:
-    good = [(run, rows) for run, rows in found if not isinstance(rows, str)]
-    bad = [why for _, why in found if isinstance(why, str)]
-    rows = np.array([rows for _, rows in good]) if good else np.empty((0, 1, 1))
-    runs = np.array([run for run, _ in good], dtype=np.int64)
-    return Figures(rows, runs, len(bad), bad[0] if bad else "")
