@@ -86,9 +86,7 @@ def optimize(
         found = searched(
             made,
             output.out,
-            progress=lambda runs, best: update(
-                runs, made.budget, f"{settled.method}: best so far {best:.4g}"
-            ),
+            progress=lambda runs, best: update(runs, made.budget, f"best so far {best:.4g}"),
             validating=lambda done: validating(done, settled.fresh * (1 + len(made.starts))),
             **execution.where,
         )

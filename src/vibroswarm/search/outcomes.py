@@ -46,6 +46,12 @@ Seen = tuple[NDArray[np.uint8], NDArray[np.float32] | None]
 """Classes and values of samples, see ``replay.classes_and_values``."""
 POLL_S: Final = 20.0
 """Interval at which the paper's program checked whether all robots had decided, s; see ``end_s``."""
+AGAIN: Final = 1.3
+"""What a run costs that is simulated again, with its replay, in runs."""
+MANY: Final = 100
+"""Number of earlier runs that tell how long the next ones take."""
+_needed_s: dict[Any, list[float]] = {}
+"""Up to when motion was needed in the last runs, s, by its settings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,16 +223,6 @@ def _simulated_together(
         until_s = t_end_s
     del before[:-MANY]
     return [course.outcomes() for course in courses]
-
-
-AGAIN: Final = 1.3
-"""What a run costs that is simulated again, with its replay, in runs."""
-MANY: Final = 100
-"""Number of earlier runs that tell how long the next ones take."""
-
-
-_needed_s: dict[Any, list[float]] = {}
-"""Up to when motion was needed in the last runs, s, by its settings."""
 
 
 def _cheapest_s(needed_s: list[float], t_end_s: float) -> float:
