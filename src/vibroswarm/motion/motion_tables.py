@@ -256,10 +256,8 @@ def move_frame(moves: Sequence[MoveColumns]) -> pl.DataFrame:
 
 def _frame(columns: Mapping[str, Any], rows: Rows, schema: Mapping[str, Any]) -> pl.DataFrame:
     """Return a table of these columns, and of the fields of rows for those that are not given."""
-    # ``copy`` makes a field of the rows a contiguous column. Series are quicker than a table of arrays.
+    # ``copy`` makes a field of the rows a contiguous column.
     return pl.DataFrame(
-        [
-            pl.Series(name, columns[name] if name in columns else rows[name].copy(), dtype=kind)
-            for name, kind in schema.items()
-        ]
+        {name: columns[name] if name in columns else rows[name].copy() for name in schema},
+        schema=dict(schema),
     )
