@@ -53,7 +53,7 @@ def one(seed: int, noise: str, budget: int, fresh: int) -> dict[str, Any]:
     row: dict[str, Any] = {
         "noise": noise,
         "seed": seed,
-        "runs": found.runs,
+        "runs": found.archive.runs,
         "clock_s": clock_s,
         "cpu_s": cpu_s,
     }

@@ -47,7 +47,7 @@ def one(method: str, budget: int, seed: int, fresh: int, workers: int | None) ->
     truth = truth_of(replace(found, search=replace(search, start=())), runs=fresh, workers=workers)
     score = truth.winner.score
     return {
-        "method": method, "budget": budget, "seed": seed, "runs": found.runs, "cpu_s": cpu_s,
+        "method": method, "budget": budget, "seed": seed, "runs": found.archive.runs, "cpu_s": cpu_s,
         "believed": truth.believed, "true": score.estimate, "true_low": score.low, "true_high": score.high,
         "failed": found.archive.failed, **{k.rpartition(".")[2]: v for k, v in found.values.items()},
     }  # fmt: skip

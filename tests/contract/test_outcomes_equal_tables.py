@@ -171,7 +171,7 @@ def test_how_far_runs_are_moved_first_does_not_matter(monkeypatch: pytest.Monkey
         return moved(*arguments, until=until)
 
     monkeypatch.setattr(simulated, "moved", noted)
-    simulated._needed_s.cache_clear()
+    simulated._needed_s.clear()
     (whole,) = outcomes_of([scenario], 3, range(20))
     assert ends_s == [[1200.0] * 20]
     (found,) = outcomes_of([scenario], 3, range(20))
@@ -280,30 +280,6 @@ def test_a_range_where_runs_end_early_or_are_steered_or_share_motion(own_files: 
             told.tables(told.cells[cell])[0]["messages_received"].to_list()
             == alone["messages_received"].to_list()
         )
-
-
-def test_few_scenarios_are_in_memory_at_a_time_where_their_robots_have_large_arrays(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    places = Draw(strategy="places").scenario(
-        run__t_end_s=60.0, decision__min_observations=1, network__name="ideal"
-    )
-    cases = [
-        places.with_values({"decision.credible_threshold": level}) for level in (0.6, 0.7, 0.8, 0.9, 0.95)
-    ]
-    together = outcomes_of(cases, 3, [0, 1])
-    sizes = []
-    simulated_together = simulated._simulated_together
-
-    def counted(scenarios: list[Scenario], *more: Any) -> list[Outcomes]:
-        sizes.append(len(scenarios))
-        return simulated_together(scenarios, *more)
-
-    monkeypatch.setattr(simulated, "_simulated_together", counted)
-    monkeypatch.setattr(simulated, "arrays_fit", lambda _: 2, raising=False)
-    for one, other in zip(outcomes_of(cases, 3, [0, 1]), together, strict=True):
-        assert_same_outcomes(one, other)
-    assert sizes == [2, 2, 1]
 
 
 @pytest.fixture

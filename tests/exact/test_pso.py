@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from helpers import search_functions as functions
-from vibroswarm.search.loop import _Final
+from vibroswarm.search.loop import race
 from vibroswarm.search.methods import chance
 from vibroswarm.search.pso import Pso, PsoSettings
 
@@ -87,9 +87,10 @@ def test_a_fixed_score_is_lucky_and_that_of_the_race_is_not() -> None:
         lucky.append(found.history[-1].best / cost(found.archive[found.best()].point) - 1.0)
         found = swarm(seed=seed, iterations=30)
         runs -= functions.drive(found, found.archive, cost, noise=1.0, seed=seed, heavy=True)
-        race = _Final(found.archive, found.finalists(6), runs)
-        assert functions.drive(race, race.archive, cost, noise=1.0, seed=seed, heavy=True) == runs
-        key = race.best()
+        answer = functions.Answers(found.archive, cost, noise=1.0, seed=seed, heavy=True)
+        rounds = race(found.archive, found.finalists(6), runs, answer)
+        assert answer.runs == runs
+        key = rounds[-1].best_key
         honest.append(found.archive.estimate(key)[0] / cost(found.archive[key].point) - 1.0)
     assert max(lucky) < -0.25
     assert max(abs(share) for share in honest) < 0.1

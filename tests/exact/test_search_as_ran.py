@@ -10,9 +10,8 @@ import pytest
 
 from helpers import search_functions as functions
 from vibroswarm.search import evaluate
-from vibroswarm.search.archive import Archive
 from vibroswarm.search.loop import run_search
-from vibroswarm.search.methods import chance
+from vibroswarm.search.methods import Archive, chance
 from vibroswarm.search.pso import Pso, PsoSettings, shared_run
 from vibroswarm.search.space import Space
 from vibroswarm.search.spec import Search
@@ -120,13 +119,14 @@ def small(**settings: Any) -> Search:
 
 def test_a_search_counts_its_crashed_runs_and_still_has_a_winner(monkeypatch: pytest.MonkeyPatch) -> None:
     def piece(part: Any, objectives: Any) -> Any:
-        return [np.full((1, 1), float(run % 5)) for run in part.runs]
+        return [(None, [float(run % 5)]) for run in part.runs]
 
     monkeypatch.setattr(evaluate, "do_piece", piece)
     found = run_search(small(crash_share=0.4))
-    assert 0 < found.archive.failed < found.runs == 14
+    assert 0 < found.archive.failed < found.archive.runs == 14
     assert math.isfinite(found.believed)
-    assert sum(map(found.archive.count, range(len(found.archive)))) == 14 - found.archive.failed
+    good = sum(len(rows) for one in found.archive.candidates for rows in one.rows)
+    assert good == 14 - found.archive.failed
     # Control: elsewhere a candidate with a failed run cannot win.
     found.archive.drops_failed = False
     scores = [found.archive.score(key) for key in range(len(found.archive)) if found.archive[key].failed]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.search.archive import Archive
-from vibroswarm.search.methods import Stage
+from vibroswarm.search.methods import Archive, Ask, Stage
 from vibroswarm.search.objective import Objective
 from vibroswarm.search.space import Space
 
@@ -41,24 +41,35 @@ def archive_for(statistic: str = "mean", objectives: int = 1) -> Archive:
     return Archive(Space.of(BOWL), [Objective("decision_time", statistic)] * objectives)
 
 
-def drive(
-    method: Stage,
-    archive: Archive,
-    function: Callable[[NDArray[np.float64]], float | NDArray[np.float64]],
-    noise: float = 0.0,
-    seed: int = 0,
-    heavy: bool = False,
-) -> int:
-    """Let the method run to its end; gives the runs it took."""
-    random, runs = np.random.Generator(np.random.Philox(seed)), 0
-    while asks := method.ask():
+class Answers:
+    """Gives each request values of a function, with noise, and counts the runs."""
+
+    def __init__(
+        self,
+        archive: Archive,
+        function: Callable[[NDArray[np.float64]], float | NDArray[np.float64]],
+        noise: float = 0.0,
+        seed: int = 0,
+        heavy: bool = False,
+    ) -> None:
+        self.archive, self.function, self.noise, self.heavy = archive, function, noise, heavy
+        self.random, self.runs = np.random.Generator(np.random.Philox(seed)), 0
+
+    def __call__(self, asks: list[Ask], history: object = None) -> None:
         for ask in asks:
-            candidate = archive[ask.key]
-            value = np.atleast_1d(function(candidate.point))
-            shape = (ask.runs, 1, value.size)
-            spread = random.exponential(1.0, shape) - 1.0 if heavy else random.normal(0.0, 1.0, shape)
-            candidate.rows.append(value + noise * spread)
+            candidate = self.archive[ask.key]
+            value = np.atleast_1d(self.function(candidate.point))
+            shape, random = (ask.runs, 1, value.size), self.random
+            spread = random.exponential(1.0, shape) - 1.0 if self.heavy else random.normal(0.0, 1.0, shape)
+            candidate.rows.append(value + self.noise * spread)
             candidate.count += ask.runs
-            runs += ask.runs
+            self.runs += ask.runs
+
+
+def drive(method: Stage, archive: Archive, *how: Any, **settings: Any) -> int:
+    """Let the method run to its end; gives the runs it took."""
+    answer = Answers(archive, *how, **settings)
+    while asks := method.ask():
+        answer(asks)
         method.tell()
-    return runs
+    return answer.runs

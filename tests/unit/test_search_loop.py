@@ -16,7 +16,7 @@ from vibroswarm.search.evaluate import ARCHIVE
 from vibroswarm.search.loop import Found, run_search
 from vibroswarm.search.objective import Objective
 from vibroswarm.search.outcomes import Outcomes
-from vibroswarm.search.search_files import best_scenario, candidate_table, history_table
+from vibroswarm.search.searched import best_scenario, candidate_table, history_table
 from vibroswarm.search.spec import Search
 from vibroswarm.search.validation import bias_of, truth_of
 from vibroswarm.statistics.intervals import Interval
@@ -50,14 +50,14 @@ def test_a_search_written_down_is_the_same() -> None:
     for search in (Search(), small()):
         again = Search.from_toml(search.to_toml())
         assert again.hash == search.hash
-        for name in ("space", "objectives", "settings", "pso", "cases"):
+        for name in ("space", "objectives", "settings", "pso"):
             assert getattr(again, name) == getattr(search, name)
 
 
 def test_the_account_of_runs_holds(whole: Found) -> None:
     search = small()
-    assert (search.budget, search.final_runs, search.pso_settings.iterations) == (90, 60, 2)
-    assert whole.runs == 2 * 15 + 60 == search.search_runs + 60
+    assert (search.budget, search.final_runs, search.pso_iterations) == (90, 60, 2)
+    assert whole.archive.runs == 2 * 15 + 60
     assert [one.runs for one in whole.race] == [50, 70, 90]
     assert whole.archive[whole.best].count >= 10 + 20 + 20
     assert whole.archive[0].values == {"sample.sample_interval_ms": 2000.0, "decision.min_observations": 20}
@@ -75,8 +75,8 @@ def test_on_a_cluster_that_loses_a_worker_it_is_the_same(whole: Found, tmp_path:
     killed: list[int] = []
     with Cluster(tmp_path, 2) as cluster:
 
-        def progress(state: Any) -> None:
-            if state.runs > 30 and not killed:
+        def progress(runs_done: int, best: float) -> None:
+            if runs_done > 30 and not killed:
                 cluster.workers[0].kill()
                 killed.append(cluster.workers[0].pid)
 
@@ -84,24 +84,22 @@ def test_on_a_cluster_that_loses_a_worker_it_is_the_same(whole: Found, tmp_path:
         assert killed
 
 
-def test_every_evaluation_has_runs_of_its_own_or_common_ones() -> None:
+def test_every_evaluation_has_runs_of_its_own() -> None:
     seen: list[int] = []
 
     def cost(outcomes: Outcomes) -> Any:
         seen.extend(outcomes.run.tolist())
         return outcomes.time_s.mean(axis=1)
 
-    for numbers, kinds in (("independent", 90), ("common", 6)):
-        seen.clear()
-        search = replace(small(), objectives=(Objective("mine", "mean", function=cost),))
-        run_search(search.with_settings(numbers=numbers, final=0), workers=1)
-        assert len(set(seen)) == kinds
+    search = replace(small(), objectives=(Objective("mine", "mean", function=cost),))
+    run_search(search.with_settings(final=0), workers=1)
+    assert len(set(seen)) == 90
 
 
 @pytest.mark.parametrize("runs", [1, 20, 50])
 def test_stopped_and_resumed_it_gives_the_same_bit_by_bit(tmp_path: Path, whole: Found, runs: int) -> None:
-    def stop(state: Any) -> None:
-        if state.runs >= runs:
+    def stop(runs_done: int, best: float) -> None:
+        if runs_done >= runs:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

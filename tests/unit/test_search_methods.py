@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from helpers import search_functions as functions
-from vibroswarm.search.archive import Archive
 from vibroswarm.search.loop import run_search
-from vibroswarm.search.methods import Stage, method
+from vibroswarm.search.methods import Archive, Stage, method
 from vibroswarm.search.objective import Objective
-from vibroswarm.search.search_files import candidate_table
+from vibroswarm.search.searched import candidate_table
 from vibroswarm.search.space import Space
 from vibroswarm.search.spec import Search
 from vibroswarm.search.validation import front_of
@@ -73,7 +72,7 @@ def test_a_front_is_found() -> None:
 
     stage = made("nsga2", archive, 600)
     functions.drive(stage, archive, both)
-    front = stage.finalists(1000)
+    front = archive.front()
     assert len(front) >= 10
     off = [np.ptp(archive[key].point) for key in front]
     assert float(np.median(off)) < 0.25
@@ -90,18 +89,19 @@ def test_every_method_keeps_its_account_and_continues(tmp_path: Path, name: str)
         search = replace(search, objectives=(Objective("decision_time", "mean"), Objective("errors", "mean")))
         search = search.with_settings(budget=100)
     whole = run_search(search)
-    assert whole.runs == search.budget
+    assert whole.archive.runs == search.budget
 
-    def stop(state: Any) -> None:
-        if state.runs > 50:
+    def stop(runs: int, best: float) -> None:
+        if runs > 50:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         run_search(search, tmp_path, progress=stop)
     again = run_search(search, tmp_path)
     assert candidate_table(again).equals(candidate_table(whole))
-    assert (again.best, again.front) == (whole.best, whole.front)
+    assert again.best == whole.best
     if name == "nsga2":
         front = front_of(whole)
-        assert front.table["key"].to_list() == list(whole.front)
-        assert front.table["runs"].to_list() == [max(2000 // len(whole.front), 200)] * len(whole.front)
+        assert front is not None
+        assert front["key"].to_list() == (keys := whole.archive.front())
+        assert front["runs"].to_list() == [max(2000 // len(keys), 200)] * len(keys)

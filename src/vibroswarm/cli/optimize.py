@@ -71,21 +71,21 @@ def optimize(
       vibroswarm optimize search.toml --method tpe --budget 5000
       vibroswarm evaluate out/pso/best.toml paper --cost authors_code    compare what was found with a preset
     """
-    from vibroswarm.search.options import search_of, searched
+    from vibroswarm.search.searched import search_of, searched
 
     made = search_of(search, **vars(settings))
     claim(output, "optimize", made.hash)
     _start(made)
-    runs = made.search_runs + made.final_runs
+    settled = made.settings
     report(
-        f"{made.settings.method}: {runs:,} runs, and {made.settings.fresh:,} fresh runs to validate; seed {made.seed}"
+        f"{settled.method}: {made.budget:,} runs, and {settled.fresh:,} fresh runs to validate; seed {made.study.seed}"
     )
     with progress_bar("searching") as update, progress_bar("fresh runs") as validating:
         found = searched(
             made,
             output.out,
-            progress=lambda now: update(now.runs, now.wanted, f"{now.method}: best so far {now.best:.4g}"),
-            validating=lambda done: validating(done, made.settings.fresh * (1 + len(made.starts))),
+            progress=lambda runs, best: update(runs, made.budget, f"best so far {best:.4g}"),
+            validating=lambda done: validating(done, settled.fresh * (1 + len(made.starts))),
             **execution.where,
         )
     deliver(found, output)
@@ -93,7 +93,7 @@ def optimize(
 
 def _start(search: Search) -> None:
 
-    warn_of(cell.scenario for cell in search.cases)
+    warn_of(cell.scenario for cell in search.study.cells)
     say_compiling(search.study.motion)
 
 
@@ -112,14 +112,14 @@ def sensitivity(
     example:
       vibroswarm optimize sensitivity search.toml --budget 20000 --out out/which
     """
-    from vibroswarm.search.options import search_of
-    from vibroswarm.search.sensitivity import PIECE, design_of, sobol_indices
+    from vibroswarm.search.searched import search_of
+    from vibroswarm.search.sensitivity import PIECE, saltelli, sobol_indices
 
     made = search_of(search, cost=cost, seed=seed)
-    runs = len(design_of(made, budget)) * PIECE
+    runs = len(saltelli(len(made.space.names), budget // PIECE, made.study.seed)) * PIECE
     claim(output, "optimize sensitivity", made.hash, budget)
     _start(made)
-    report(f"{runs:,} runs of {len(made.space.names)} fields; seed {made.seed}")
+    report(f"{runs:,} runs of {len(made.space.names)} fields; seed {made.study.seed}")
     with progress_bar("simulating") as update:
         indices = sobol_indices(made, budget, progress=lambda done: update(done, runs), **execution.where)
     deliver(indices, output)

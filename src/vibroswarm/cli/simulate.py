@@ -124,10 +124,10 @@ def _objective_of(cost: str) -> Any:
 
 
 def _scored(runs: Runs, objective: Any, execution: Parts) -> Any:
-    from vibroswarm.search.cell_scores import scores_of, with_fresh_runs
+    from vibroswarm.search.validation import scores_of
 
     with STAGES.runs("scoring on fresh runs") as progress:
-        return with_fresh_runs(scores_of(runs, objective), runs, progress=progress, **execution.where)
+        return scores_of(runs, objective, progress=progress, **execution.where)
 
 
 @dataclass(kw_only=True)

@@ -83,7 +83,7 @@ KINDS: Final = {
     "vibroswarm.scenario.scenario": "file",
     "vibroswarm.study.store": "file",
     "vibroswarm.search.sensitivity": "search",
-    "vibroswarm.search.options": "search",
+    "vibroswarm.search.searched": "search",
     "vibroswarm.league.play": "league",
     "vibroswarm.inspection.inspection": "inspection",
     "vibroswarm.lab.calibrate.compare": "calibration",

@@ -15,8 +15,7 @@ from vibroswarm.plots.search import draw_parameters, draw_search
 from vibroswarm.report.format import Value, write_value
 from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.search.loop import Found
-from vibroswarm.search.options import Searched
-from vibroswarm.search.search_files import candidate_table, history_table
+from vibroswarm.search.searched import Searched, candidate_table, history_table
 from vibroswarm.search.sensitivity import Sensitivity
 from vibroswarm.search.validation import Scored, Truth
 from vibroswarm.simulation import versions
@@ -42,12 +41,11 @@ def of_search(searched: Searched) -> Report:
         answer = list(_answer(found, truth))
         parts |= _tables(found, truth)
     if front is not None:
-        stay = f"{front.table['stays'].sum()} of {front.table.height}"
+        stay = f"{front['stays'].sum()} of {front.height}"
         answer = [f"{stay} candidates stay on the Pareto front of {aims} on fresh runs."]
-        parts["front"] = Table(
-            front.table, "The front", "Believed scores, and those on fresh runs with 95 % limits."
-        )
-    if found.history and search.space.size <= FIELDS_UP_TO:
+        caption = "Believed scores, and those on fresh runs with 95 % limits."
+        parts["front"] = Table(front, "The front", caption)
+    if found.history and len(search.space.names) <= FIELDS_UP_TO:
         parts["scores"] = Figure(partial(_scores, found, truth), "How the scores fell")
         parts["parameters"] = Figure(partial(_parameters, found), "Where in their bounds the candidates lay")
     best = candidate_table(found).sort("score", nulls_last=True).head(BEST)
@@ -60,12 +58,13 @@ def of_search(searched: Searched) -> Report:
         title=search.study.name or f"A search for the lowest {aims}",
         answer=tuple(answer),
         parts=parts,
-        setting=f"{search.settings.method} over {count(search.space.size, 'field')}, "
-        f"{count(len(found.archive), 'candidate')} in {count(found.runs, 'run')}, {count(len(search.cases), 'case')}",
+        setting=f"{search.settings.method} over {count(len(search.space.names), 'field')}, "
+        f"{count(len(found.archive), 'candidate')} in {count(found.archive.runs, 'run')}, "
+        f"{count(len(search.study.cells), 'case')}",
         warnings=tuple(_warnings(found, truth)),
         made_by={
             "search": search.hash,
-            "seed": str(search.seed),
+            "seed": str(search.study.seed),
             "engine": search.study.motion,
             **versions(),
         },
@@ -111,7 +110,7 @@ def _tables(found: Found, truth: Truth) -> dict[str, Table | Figure]:
     sets = (truth.winner, *truth.others)
     rows = [_row(one, less) for one, less in zip(sets, (None, *truth.against), strict=True)]
     values = [{"parameters": one.name, **one.values} for one in sets]
-    tables: dict[str, Table | Figure] = {
+    return {
         "truth": Table(
             pl.DataFrame(rows, infer_schema_length=None), "Scores on fresh runs",
             "With 95 % limits; differences: the winner minus this one, run by run.",
@@ -123,14 +122,6 @@ def _tables(found: Found, truth: Truth) -> dict[str, Table | Figure]:
         ),
         "values": Table(pl.DataFrame(values, infer_schema_length=None), "Values"),
     }  # fmt: skip
-    if len(truth.winner.cases) > 1:
-        cases = [
-            {"parameters": one.name, "case": cell.name, **columns_of("score", score)}
-            for one in sets
-            for cell, score in zip(found.search.cases, one.cases, strict=True)
-        ]
-        tables["cases"] = Table(pl.DataFrame(cases), "Scores by case")
-    return tables
 
 
 def _row(one: Scored, less: Interval | None) -> dict[str, object]:

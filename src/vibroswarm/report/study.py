@@ -14,7 +14,7 @@ from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.report.study_answer import answer
 from vibroswarm.report.study_pictures import pictures
 from vibroswarm.scenario.fault_draws import fault_words
-from vibroswarm.search.cell_scores import CellScores
+from vibroswarm.search.validation import CellScores
 from vibroswarm.statistics.figures import BY_COLUMN, ESTIMATES
 from vibroswarm.statistics.map_figures import MAPPED
 from vibroswarm.statistics.over_time import JUDGED
@@ -75,10 +75,9 @@ def of_study(outcome: Outcome, scores: CellScores | None = None) -> Report:
 
 
 def _best(scores: CellScores) -> str:
-    words, unit, fresh = scores.objective.words, scores.objective.unit, scores.fresh
-    again = "" if fresh is None else f", {write_value(Value(*fresh[:3]), unit)} on fresh runs"
+    words, fresh = scores.objective.words, write_value(Value(*scores.fresh[:3]), scores.objective.unit)
     ties = int(scores.table["best_group"].sum()) - 1
-    return f"Lowest {words}: {scores.best.name}{again}; {count(ties, 'other')} tie."
+    return f"Lowest {words}: {scores.best.name}, {fresh} on fresh runs; {count(ties, 'other')} tie."
 
 
 def _scores(scores: CellScores) -> Table:

@@ -11,12 +11,13 @@ import hashlib
 import io
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager, suppress
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -29,29 +30,26 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.search.objective import Objective, Rows
 from vibroswarm.search.outcomes import outcomes_of
+from vibroswarm.search.spec import Search
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import scenario_of
-from vibroswarm.study.run import Pool, do_all
-
-if TYPE_CHECKING:
-    from vibroswarm.search.spec import Search
+from vibroswarm.study.run import Pool, do_all, pool_for
 
 ARCHIVE: Final = "archive.parquet"
 """File with the runs of a search."""
+SAVED: Final[dict[str, Any]] = {
+    "purpose": pl.String, "values": pl.String, "run": pl.UInt32, "failed": pl.String,
+    "figures": pl.List(pl.Float64),
+}  # fmt: skip
+"""Its columns; ``failed`` is why a run failed, ``figures`` are those of all cases in a row."""
+NO_ROWS: Final = np.empty((0, 1, 1))
+LEAST: Final = 5
 MOST: Final = 50
-"""Most runs in a piece of work."""
-
-
-class Request(NamedTuple):
-    """Runs of one set of values."""
-
-    purpose: str
-    values: Mapping[str, Any]
-    runs: Sequence[int]
+"""Fewest and most runs in a piece of work."""
 
 
 class Figures(NamedTuple):
-    """Figures of the runs of a request."""
+    """Figures of requested runs."""
 
     rows: Rows
     """(runs, cases, columns), where the columns of all objectives stand side by side."""
@@ -60,6 +58,10 @@ class Figures(NamedTuple):
     failed: int = 0
     why: str = ""
     """Why the first of the failed runs failed."""
+
+
+Outcome = tuple[str | None, list[float] | None]
+"""Of a run: why it failed, or its figures of all cases in a row."""
 
 
 class Piece(NamedTuple):
@@ -83,25 +85,21 @@ def derived_seed(seed: int, purpose: str) -> int:
     return int.from_bytes(hashlib.sha256(f"optimizer: {purpose} of {seed}".encode()).digest()[:7])
 
 
-def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> list[Rows | str]:
-    """Simulate runs; return the figures of each, (cases, columns), or why it failed.
-
-    A run fails if its values make no scenario, or if the simulation or a cost fails.
-    """
+def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> list[Outcome]:
+    """Simulate runs; a run fails if its values make no scenario, or its simulation or a cost fails."""
     try:
         plugins.install_all(piece.code)  # a worker process may not have loaded the user code yet
         scenarios = [_scenario(text, piece.values) for text in piece.cases]
         outcomes = outcomes_of(scenarios, piece.seed, piece.runs, piece.motion)
         figures = [np.hstack([o.figures(case) for o in objectives]) for case in outcomes]
-        return list(np.stack(figures, axis=1))
+        return [(None, of_run) for of_run in np.hstack(figures).tolist()]
     except (MemoryError, OSError):  # of the machine, not of the runs
         raise
     except Exception as error:
-        if len(piece.runs) == 1:
-            return [
-                str(error) if isinstance(error, InputError | RunError) else f"{type(error).__name__}: {error}"
-            ]
-        return [do_piece(piece._replace(runs=(run,)), objectives)[0] for run in piece.runs]
+        if len(piece.runs) > 1:
+            return [do_piece(piece._replace(runs=(run,)), objectives)[0] for run in piece.runs]
+        is_worded = isinstance(error, InputError | RunError)
+        return [(str(error) if is_worded else f"{type(error).__name__}: {error}", None)]
 
 
 @lru_cache(maxsize=512)
@@ -110,105 +108,70 @@ def _scenario(text: str, values: str) -> Scenario:
 
 
 class Evaluator:
-    """Simulates runs of the cases of a search.
+    """Simulates runs of the cases of a search, and saves them in a folder, if there is one."""
 
-    Args:
-        folder: where runs are saved, and those of an earlier call are read; None: nowhere.
-    Raises:
-        InputError: the folder holds another search.
-    """
-
-    def __init__(self, search: Search, pool: Pool, folder: Path | None = None) -> None:
-        self.search, self.pool, self.folder = search, pool, folder
-        scenarios = [cell.scenario for cell in search.cases]
-        self.cases = tuple(scenario.to_toml() for scenario in scenarios)
-        self.code = plugins.texts_of([search.study.motion, *(c for one in scenarios for c in one.codes)])
-        self.known: dict[tuple[str, str, int], Rows | str] = {}
-        """Figures of each run, or why it failed, by purpose, values and number."""
-        self.saved = pl.DataFrame()
-        self.about = {
-            "search": search.hash,
-            "code": str(versions()["code"]),
-            "iterations": str(search.pso_iterations),
-        }
-        if folder is not None:
-            self._read(folder / ARCHIVE)
+    def __init__(self, search: Search, pool: Pool, folder: str | Path | None = None) -> None:
+        self.search, self.pool = search, pool
+        self.path = None if folder is None else Path(folder) / ARCHIVE
+        self.cases = tuple(cell.scenario.to_toml() for cell in search.study.cells)
+        self.code = plugins.texts_of(search.codes)
+        self.known: dict[tuple[str, str], dict[int, Outcome]] = defaultdict(dict)
+        """Outcome of each run by purpose and values, and by number."""
+        self.saved = pl.DataFrame(schema=SAVED)
+        code, iterations = str(versions()["code"]), str(search.pso_iterations)
+        self.about = {"search": search.hash, "code": code, "iterations": iterations}
+        if self.path is not None and self.path.is_file():
+            self._read(self.path)
 
     def figures(
-        self, requests: Sequence[Request], progress: Callable[[int], None] = lambda done: None
+        self,
+        purpose: str,
+        requests: Iterable[tuple[Mapping[str, Any], Sequence[int]]],
+        progress: Callable[[int], None] = lambda done: None,
     ) -> list[Figures]:
-        """Return the figures of each request; runs that are not known are simulated, then all are saved.
+        """Return the figures of each request, a set of values with numbers of runs; those not known are simulated."""
+        wanted = [((purpose, json.dumps(plain_value(dict(values)))), runs) for values, runs in requests]
+        pieces = [piece for key, runs in wanted for piece in self._pieces(*key, runs)]
+        done = sum(len(runs) for _, runs in wanted) - sum(len(piece.runs) for piece in pieces)
 
-        Args:
-            progress: called with the number of finished runs.
-        """
-        keys = [
-            [(one.purpose, json.dumps(plain_value(dict(one.values))), run) for run in one.runs]
-            for one in requests
-        ]
-        pieces = [
-            piece for one in keys for piece in self._pieces([key for key in one if key not in self.known])
-        ]
-        done = sum(map(len, keys)) - sum(len(piece.runs) for piece in pieces)
-
-        def take(results: list[Rows | str], piece: Piece) -> None:
+        def take(results: list[Outcome], piece: Piece) -> None:
             nonlocal done
-            for run, found in zip(piece.runs, results, strict=True):
-                self.known[piece.purpose, piece.values, run] = found
+            self.known[piece.purpose, piece.values] |= dict(zip(piece.runs, results, strict=True))
             done += len(piece.runs)
             progress(done)
 
         do_all(self.pool, do_piece, pieces, take, self.search.objectives)
-        self._save(dict.fromkeys((p.purpose, p.values, run) for p in pieces for run in p.runs))
-        return [self._joined(one) for one in keys]
+        if self.path is not None and pieces:
+            self._save(self.path, pieces)
+        return [self._joined({run: self.known[key][run] for run in runs}) for key, runs in wanted]
 
-    def _pieces(self, missing: Sequence[tuple[str, str, int]]) -> list[Piece]:
-        """Divide missing runs of a request into nearly equal pieces, at least one for every second worker."""
-        if not missing:
-            return []
-        purpose, values, _ = missing[0]
-        code = self.code + plugins.texts_of(v for v in json.loads(values).values() if plugins.is_code(v))
-        count = max(math.ceil(len(missing) / MOST), min(self.pool.width // 2, len(missing) // 5), 1)
-        bounds = [len(missing) * k // count for k in range(count + 1)]
-        seed = derived_seed(self.search.seed, purpose)
+    def _pieces(self, purpose: str, values: str, runs: Sequence[int]) -> list[Piece]:
+        """Divide the missing runs of a request into pieces, at least one for every second worker."""
+        missing = tuple(run for run in runs if run not in self.known[purpose, values])
+        size = max(min(math.ceil(len(missing) / max(self.pool.width // 2, 1)), MOST), LEAST)
+        seed, motion = derived_seed(self.search.study.seed, purpose), self.search.study.motion
         return [
-            Piece(purpose, values, tuple(run for *_, run in missing[low:high]), seed, self.search.study.motion,
-                  self.cases, code)
-            for low, high in pairwise(bounds)
-        ]  # fmt: skip
+            Piece(purpose, values, missing[low : low + size], seed, motion, self.cases, self.code)
+            for low in range(0, len(missing), size)
+        ]
 
-    def _joined(self, keys: Sequence[tuple[str, str, int]]) -> Figures:
-        good = [(run, rows) for *key, run in keys if not isinstance(rows := self.known[*key, run], str)]  # type: ignore[index]
-        bad = [why for key in keys if isinstance(why := self.known[key], str)]
-        rows = np.array([rows for _, rows in good]) if good else np.empty((0, 1, 1))
-        return Figures(
-            rows, np.array([run for run, _ in good], dtype=np.int64), len(bad), bad[0] if bad else ""
-        )
+    def _joined(self, found: Mapping[int, Outcome]) -> Figures:
+        good = {run: figures for run, (_, figures) in found.items() if figures is not None}
+        bad = [why for why, _ in found.values() if why is not None]
+        rows = np.array([*good.values()]).reshape(len(good), len(self.cases), -1) if good else NO_ROWS
+        return Figures(rows, np.array([*good], dtype=np.int64), len(bad), bad[0] if bad else "")
 
-    def _save(self, keys: Mapping[tuple[str, str, int], None]) -> None:
-        if self.folder is None or not keys:
-            return
-        width = len(self.cases) * sum(objective.width for objective in self.search.objectives)
-        found = [self.known[key] for key in keys]
-        figures = [np.full(width, np.nan) if isinstance(one, str) else one.ravel() for one in found]
-        new = pl.DataFrame(
-            {
-                "purpose": [purpose for purpose, *_ in keys],
-                "values": [values for _, values, _ in keys],
-                "run": pl.Series([run for *_, run in keys], dtype=pl.UInt32),
-                "failed": pl.Series(
-                    [one if isinstance(one, str) else None for one in found], dtype=pl.String
-                ),
-                "figures": pl.Series(np.array(figures), dtype=pl.Array(pl.Float64, width)),
-            }
-        )
-        self.saved = pl.concat([self.saved, new], rechunk=True) if self.saved.height else new
-        make_folder(self.folder)
-        write_file(self.folder / ARCHIVE, parquet_bytes(self.saved, self.about))
+    def _save(self, path: Path, pieces: Sequence[Piece]) -> None:
+        rows = [
+            (piece.purpose, piece.values, run, *self.known[piece.purpose, piece.values][run])
+            for piece in pieces
+            for run in piece.runs
+        ]
+        self.saved = pl.concat([self.saved, pl.DataFrame(rows, SAVED, orient="row")], rechunk=True)
+        make_folder(path.parent)
+        write_file(path, parquet_bytes(self.saved, self.about))
 
     def _read(self, path: Path) -> None:
-        if not path.is_file():
-            return
         with suppress(pl.exceptions.PolarsError):  # damaged: as if it were not there
             data = path.read_bytes()
             about, saved = pl.read_parquet_metadata(io.BytesIO(data)), pl.read_parquet(io.BytesIO(data))
@@ -217,7 +180,17 @@ class Evaluator:
             if about["code"] != self.about["code"]:
                 return
             self.saved, self.about["iterations"] = saved, about["iterations"]
-            figures = saved["figures"].to_numpy().reshape(saved.height, len(self.cases), -1)
-            rows = saved.select("purpose", "values", "run", "failed").iter_rows()
-            for (*key, failed), of_run in zip(rows, figures, strict=True):
-                self.known[tuple(key)] = failed or of_run
+            for purpose, values, run, failed, figures in saved.iter_rows():
+                self.known[purpose, values][run] = failed, figures
+
+
+@contextmanager
+def evaluator_for(
+    search: Search,
+    folder: str | Path | None = None,
+    executor: str | Executor = "threads",
+    workers: int | None = None,
+) -> Iterator[Evaluator]:
+    """Begin to evaluate; for executor and workers see ``study.run.pool_for``."""
+    with pool_for(executor, workers) as pool:
+        yield Evaluator(search, pool, folder)

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -18,20 +19,20 @@ import numpy as np
 
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import RunError
-from vibroswarm.search.archive import Archive
-from vibroswarm.search.evaluate import Evaluator, Request
-from vibroswarm.search.methods import Ask, Iteration, SearchProgress, Stage, iteration_of, method
-from vibroswarm.search.pso import Pso, shared_run
+from vibroswarm.search.evaluate import Evaluator, evaluator_for
+from vibroswarm.search.methods import Archive, Ask, Iteration, Stage, chance, iteration_of, method
+from vibroswarm.search.pso import KEEPING, Pso, shared_run
 from vibroswarm.search.space import Values
 from vibroswarm.search.spec import Search
-from vibroswarm.statistics.intervals import generator
-from vibroswarm.study.run import pool_for
 
 ROUNDS: Final = 3
 """Rounds of the finalists."""
 LEAST_RUNS: Final = 20
 """Final runs for each finalist; with fewer the standard error of a mean + sd would exceed a third of it."""
-Progress = Callable[[SearchProgress], None]
+
+
+Progress = Callable[[int, float], None]
+"""Takes the number of finished runs, and the best score so far, which is infinite in the first iteration."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,6 @@ class Found:
     """The iterations of the method."""
     race: list[Iteration]
     """The rounds of the finalists; empty without final runs."""
-    front: tuple[int, ...] = ()
-    """With several objectives, the keys of the candidates on the Pareto front."""
 
     @property
     def values(self) -> Values:
@@ -57,20 +56,10 @@ class Found:
 
     @property
     def believed(self) -> float:
-        """The winner's score as the search estimates it, under the first objective.
-
-        Only the paper's swarm (``fixed`` or ``as-ran``) without final runs does not estimate again: there it is the
-        score with which the winner became a personal best.
-        """
-        if self.race or self.search.settings.method != "pso" or not self.search.pso.keeps_scores:
-            score, _ = self.archive.estimate(self.best)
-            return score
-        return self.history[-1].best
-
-    @property
-    def runs(self) -> int:
-        """Number of runs of the search, including final and failed runs."""
-        return self.archive.runs
+        """The winner's score under the first objective; of the paper's swarm that with which it became the best."""
+        if self.search.noise in KEEPING and not self.race:
+            return self.history[-1].best
+        return self.archive.estimate(self.best)[0]
 
 
 def run_search(
@@ -79,58 +68,39 @@ def run_search(
     *,
     executor: str | Executor = "threads",
     workers: int | None = None,
-    progress: Progress = lambda state: None,
+    progress: Progress = lambda runs, best: None,
 ) -> Found:
     """Run a search, or continue the one in ``folder``, which may have had a smaller budget.
 
     Args:
         folder: where runs are saved after each step; None: nowhere.
         executor, workers: see ``study.run.pool_for``. progress: called as runs finish.
-    Raises:
-        InputError: the folder holds another search, code is not loaded, or a library is missing.
-        CodeError: a user's method failed. RunError: every run of the first step failed, or the workers are gone.
     """
-    with pool_for(executor, workers) as pool:
-        return _Loop(
-            search, Evaluator(search, pool, None if folder is None else Path(folder)), progress
-        ).run()
+    with evaluator_for(search, folder, executor, workers) as evaluator:
+        return _Loop(search, evaluator, progress).run()
 
 
 class _Loop:
     def __init__(self, search: Search, evaluator: Evaluator, progress: Progress) -> None:
         self.search, self.evaluator, self.progress = search, evaluator, progress
         # Like the paper's program, an as-ran search drops failed runs from scores, and numbers runs in its own way.
-        self.archive = Archive(search.space, search.objectives, drops_failed=search.is_as_ran)
+        self.archive = Archive(search.space, search.objectives, drops_failed=search.noise == "as-ran")
         self.next_run = 0
-        self.best = math.inf
-        """The best score so far, for progress."""
 
     def run(self) -> Found:
         search, chosen = self.search, method(self.search.settings.method)
         with errors_in(chosen.code):
             stage = chosen.begin(self.archive, search)
-        if isinstance(
-            stage, Pso
-        ):  # of a search that is continued with a larger budget, that of the smaller one
-            stage.falls_over = int(self.evaluator.about["iterations"])
-        while asks := self._asks(stage, chosen.code):
-            self._step(asks, "evaluations", stage)
-            with errors_in(chosen.code):
+            if isinstance(stage, Pso):  # continued with a larger budget, it keeps the inertia of the first
+                stage.falls_over = int(self.evaluator.about["iterations"])
+            while asks := stage.ask():
+                self._step(asks, stage.history, "evaluations")
                 stage.tell()
-            self.best = stage.history[-1].best if stage.history else self.best
-        is_one = len(search.objectives) == 1
-        if is_one and search.final_runs:
-            final = _Final(self.archive, self._finalists(stage), search.final_runs)
-            while asks := final.ask():
-                self._step(asks, "final runs", final)
-                final.tell()
-            return Found(search, self.archive, final.best(), stage.history, final.history)
-        front = () if is_one else tuple(stage.finalists(len(self.archive)))
-        return Found(search, self.archive, stage.best(), stage.history, [], front)
-
-    def _asks(self, stage: Stage, code: str) -> list[Ask]:
-        with errors_in(code):
-            return stage.ask()
+        if not search.final_runs:
+            return Found(search, self.archive, stage.best(), stage.history, [])
+        step = partial(self._step, purpose="final runs")
+        rounds = race(self.archive, self._finalists(stage), search.final_runs, step)
+        return Found(search, self.archive, rounds[-1].best_key, stage.history, rounds)
 
     def _finalists(self, stage: Stage) -> list[int]:
         """Choose the finalists: the best candidates of the method, and the starts."""
@@ -139,78 +109,59 @@ class _Loop:
         best = stage.finalists(count - len(starts))
         return [*best, *(self.archive.new(point, "start") for point in starts)]
 
-    def _step(self, asks: Sequence[Ask], purpose: str, stage: Stage) -> None:
-        """Add the results of requests to the archive.
+    def _step(self, asks: Sequence[Ask], history: Sequence[Iteration], purpose: str) -> None:
+        before, best = self.archive.runs, history[-1].best if history else math.inf
 
-        Raises:
-            RunError: every run of the first step failed.
-        """
-        before, is_first = self.archive.runs, not self.archive.runs
+        def progress(done: int) -> None:
+            self.progress(before + done, best)
+
         numbered = [self._numbers(ask, purpose) for ask in asks]
-        requests = [
-            Request(purpose, self.archive[ask.key].values, runs)
-            for ask, (runs, _) in zip(asks, numbered, strict=True)
-        ]
-        found = self.evaluator.figures(requests, lambda done: self._report(stage, before + done))
+        wanted = [(self.archive[ask.key].values, runs) for ask, (runs, _) in zip(asks, numbered, strict=True)]
+        found = self.evaluator.figures(purpose, wanted, progress)
         for ask, (_, crashed), figures in zip(asks, numbered, found, strict=True):
             why = figures.why or ("taken to crash (pso.crash_share)" if crashed else "")
             self.archive.add(ask.key, figures.rows, figures.failed + crashed, why)
-        if is_first and self.archive.failed == self.archive.runs:
+        if not before and self.archive.failed == self.archive.runs:
             raise RunError(f"all of the first {self.archive.runs} runs failed: {found[0].why}")
-        self._report(stage, self.archive.runs)
 
-    def _numbers(self, ask: Ask, purpose: str) -> tuple[list[int], int]:
-        """Return the numbers of the runs of a request, and how many more count as crashed.
-
-        Evaluations get the next unused numbers of the search, or with ``numbers = "common"`` those that other
-        candidates have too, as final runs do.
-        """
+    def _numbers(self, ask: Ask, purpose: str) -> tuple[Sequence[int], int]:
+        """Return the numbers of the runs of a request, and how many more count as crashed: other candidates have the
+        numbers of final runs too."""
         candidate = self.archive[ask.key]
-        if self.search.is_as_ran and purpose == "evaluations":
+        if purpose == "final runs":
+            return range(candidate.count, candidate.count + ask.runs), 0
+        if self.search.noise == "as-ran":
             runs = [shared_run(candidate.count + e, candidate.iteration) for e in range(ask.runs)]
-            chances = generator(self.search.seed, f"optimizer: crashes {ask.key} {candidate.count}")
-            crashes = chances.random(ask.runs) < self.search.pso.crash_share
-            return [run for run, crash in zip(runs, crashes, strict=True) if not crash], int(crashes.sum())
-        is_common = purpose == "final runs" or self.search.settings.numbers == "common"
-        first = candidate.count if is_common else self.next_run
+            chances = chance(self.search.study.seed, f"crashes {ask.key} {candidate.count}").random(ask.runs)
+            kept = [run for run, u in zip(runs, chances, strict=True) if u >= self.search.pso.crash_share]
+            return kept, ask.runs - len(kept)
         self.next_run += ask.runs
-        return list(range(first, first + ask.runs)), 0
-
-    def _report(self, stage: Stage, runs: int) -> None:
-        wanted = self.search.search_runs + self.search.final_runs
-        iteration, failed = len(stage.history), self.archive.failed
-        self.progress(SearchProgress(stage.name, iteration, runs, wanted, self.best, failed))
+        return range(self.next_run - ask.runs, self.next_run), 0
 
 
-class _Final:
-    """The finalists: each round has a third of the runs, which its candidates share; the better half goes on."""
+def race(
+    archive: Archive,
+    finalists: Sequence[int],
+    runs: int,
+    step: Callable[[list[Ask], list[Iteration]], None],
+) -> list[Iteration]:
+    """Let finalists begin again: each round has a third of the runs, which are shared; the better half goes on.
 
-    name = "finalists"
+    ``step`` adds the requested runs to the archive.
+    """
+    left = [archive.new(archive[key].point, f"finalist {key}") for key in finalists]
+    history: list[Iteration] = []
+    for number in range(1, ROUNDS + 1):
+        total = _part(runs, number - 1, ROUNDS)
+        shares = [_part(total, k, len(left)) for k in range(len(left))]
+        step([Ask(key, share) for key, share in zip(left, shares, strict=True) if share], history)
+        ranked = sorted(left, key=lambda key: (archive.estimate(key)[0], key))
+        best, points = ranked[0], np.array([archive[ranked[0]].point])
+        history.append(iteration_of(archive, number, left, (best, archive.estimate(best)[0]), points))
+        left = ranked[: math.ceil(len(ranked) / 2)]
+    return history
 
-    def __init__(self, archive: Archive, finalists: Sequence[int], runs: int) -> None:
-        self.archive, self.runs = archive, runs
-        self.keys = [archive.new(archive[key].point, f"finalist {key}") for key in finalists]
-        self.left = self.keys
-        self.history: list[Iteration] = []
 
-    def ask(self) -> list[Ask]:
-        rounds = len(self.history)
-        if rounds == ROUNDS:
-            return []
-        total = self.runs * (rounds + 1) // ROUNDS - self.runs * rounds // ROUNDS
-        count = len(self.left)
-        shares = [total * (k + 1) // count - total * k // count for k in range(count)]
-        return [Ask(key, share) for key, share in zip(self.left, shares, strict=True) if share]
-
-    def tell(self) -> None:
-        ranked = self.finalists(len(self.left))
-        best = ranked[0], self.archive.estimate(ranked[0])[0]
-        points = np.array([self.archive[ranked[0]].point])
-        self.history.append(iteration_of(self.archive, len(self.history) + 1, self.left, best, points))
-        self.left = ranked[: math.ceil(len(ranked) / 2)]
-
-    def best(self) -> int:
-        return self.left[0]
-
-    def finalists(self, count: int) -> list[int]:
-        return sorted(self.left, key=lambda key: (self.archive.estimate(key)[0], key))[:count]
+def _part(total: int, k: int, of: int) -> int:
+    """Return the size of part k of ``of`` nearly equal parts."""
+    return total * (k + 1) // of - total * k // of

@@ -2,7 +2,7 @@
 
 | statistic | score of the runs |
 |---|---|
-| mean+sd | mean + standard deviation with ddof 0: the paper's |
+| mean+sd | mean + standard deviation with ddof 0: the paper's (Eq. 22) |
 | mean | mean |
 
 | composite objective | score of the runs |
@@ -11,25 +11,25 @@
 | time_at_error | mean time + T_end (excess of errors / max_error + excess of undecided / max_undecided), s |
 
 The errors of ``time_at_error`` are the share of wrong robots among those that decided, the undecided a share of all
-robots; the excess is the part above the limit, at least 0.
-
-Cases are the cells of the study, such as several floors. The score is that of the worst case, or the mean over cases.
+robots; the excess is the part above the limit, at least 0. Cases are the cells of the study, such as several floors;
+the score is that of the worst case.
 """
 
 from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.user_code import errors_in
-from vibroswarm.errors import InputError, check_choice, keep_plain, nearest, number_of, shown
+from vibroswarm.errors import InputError, check_choice, check_kind, check_known_keys, keep_plain, number_of
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.search import costs
 from vibroswarm.search.outcomes import Outcomes
@@ -40,21 +40,18 @@ from vibroswarm.statistics.intervals import (
     generator,
     jackknife_error,
     mean_interval,
-    wilson,
     within,
 )
 
 AIMS: Final = {"expected_time_to_right": (costs.consensus, 2), "time_at_error": (costs.at_error, 5)}
-"""Composite objectives: the figures of a run from which their score is computed, without a statistic; their number."""
+"""Composite objectives, without a statistic: the figures of a run from which they are computed; their number."""
 NAMES: Final = (*costs.COSTS, *AIMS)
 """Names of all built-in costs and composite objectives."""
-OVER: Final = ("worst", "mean")
-"""How the scores of several cases become one: the worst of them, or their mean."""
-PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
-    "errors": ("false_alarm", "miss", "undecided"),
-    "time_at_error": ("max_error", "max_undecided"),
+PARAMETERS: Final[dict[str, dict[str, float]]] = {
+    "errors": {"false_alarm": costs.WRONG, "miss": costs.WRONG, "undecided": costs.UNDECIDED},
+    "time_at_error": {"max_error": 0.05, "max_undecided": 0.10},
 }
-"""The parameters that each cost takes; the others take none."""
+"""The parameters that each cost takes, with their defaults; the others take none."""
 DRAWS: Final = 1000
 """Resamples of a bootstrap."""
 LEAST_DIFFERING: Final = 6
@@ -71,64 +68,32 @@ Rows = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Objective:
-    """A score to be minimised.
-
-    Raises:
-        InputError: unknown name, statistic or parameter.
-    """
+    """A score to be minimised."""
 
     name: str = "authors_code"
     """Name of the cost: one of ``NAMES``, or any other name if ``function`` is given."""
     statistic: str = "mean+sd"
     """Statistic over the runs, for costs with one figure per run: ``mean+sd`` or ``mean``."""
-    over: str = "worst"
-    """Whether the score is that of the ``worst`` case, or the ``mean`` over cases."""
     parameters: Mapping[str, float] = field(default_factory=dict)
     """Parameters of the cost by name, see ``PARAMETERS``; those that are left out have their default."""
     function: Callable[[Outcomes], Any] | None = field(default=None, compare=False)
     """A user's cost, from ``Outcomes`` to one number per run. It is never read from a file."""
 
     def __post_init__(self) -> None:
-        """Check all fields.
-
-        Raises:
-            InputError: naming the field that is wrong.
-        """
         keep_plain(self)
-        if self.function is not None and self.name in NAMES:
-            raise InputError(f"'{self.name}' is a built-in cost; choose another name", field="objective.cost")
         if self.function is None:
             check_choice(self.name, "objective.cost", NAMES)
-        check_choice(self.over, "objective.over", OVER)
+        elif self.name in NAMES:
+            raise InputError(f"'{self.name}' is a built-in cost; choose another name", field="objective.cost")
         check_choice(self.statistic, "objective.statistic", ("mean+sd", "mean"))
-        known = PARAMETERS.get(self.name, ())
+        check_known_keys(self.parameters, "objective", PARAMETERS.get(self.name, {}))
+        bounds = (1e-9, 1.0) if self.name == "time_at_error" else (0.0, 1e300)
         for name, value in self.parameters.items():
-            if name not in known:
-                raise InputError(f"the cost '{self.name}' has no such parameter{nearest(name, known)}",
-                                 field=f"objective.{name}")  # fmt: skip
-            number_of(value, f"objective.{name}")
-            if self.name == "time_at_error" and not 0 < value < 1:
-                raise InputError(
-                    f"{value!r} is not a share; give one between 0 and 1", field=f"objective.{name}"
-                )
-
-    @classmethod
-    def of(cls, block: Mapping[str, Any]) -> Objective:
-        """Make an objective from the table ``block`` of a search's file.
-
-        Its keys are ``cost``, ``statistic`` and ``over``, all optional; every other key is a parameter of the cost.
-
-        Raises:
-            InputError: the cost, statistic or parameter does not exist, or has a wrong value.
-        """
-        values = dict(block)
-        named = {"name": values.pop("cost", "authors_code")}
-        named |= {key: values.pop(key) for key in ("statistic", "over") if key in values}
-        return cls(**named, parameters=values)
+            number_of(value, f"objective.{name}", *bounds)
 
     def as_values(self) -> dict[str, Any]:
-        """Return the table that ``of`` reads."""
-        return {"cost": self.name, "statistic": self.statistic, "over": self.over, **self.parameters}
+        """Return the table of a search's file from which ``objectives_from`` makes it."""
+        return {"cost": self.name, "statistic": self.statistic, **self.parameters}
 
     @property
     def source(self) -> str:
@@ -144,97 +109,62 @@ class Objective:
         return name if self.name in AIMS else f"{name}, {self.statistic.replace('+', ' + ')}"
 
     @property
-    def limits(self) -> dict[str, float]:
-        """The limits of ``time_at_error``, up to which there is no penalty; empty for other costs.
-
-        The names are those of the figures that ``validation`` compares with the limits. ``robot_error`` limits the
-        share of wrong robots among those that decided, ``robots_undecided`` the share of undecided robots among all.
-        """
-        if self.name != "time_at_error":
-            return {}
-        return {
-            "robot_error": self.parameters.get("max_error", 0.05),
-            "robots_undecided": self.parameters.get("max_undecided", 0.10),
-        }
-
-    @property
     def width(self) -> int:
-        """Number of figures of a run from which the score is computed, see ``figures``."""
+        """Number of figures of a run from which the score is computed."""
         return AIMS[self.name][1] if self.name in AIMS else 1
 
     @property
     def unit(self) -> str:
         """The unit of the score; empty if it has none."""
-        is_time = self.name in (*AIMS, "decision_time") or (
-            self.name in BY_NAME and BY_NAME[self.name].unit == "s"
-        )
-        return "s" if is_time else ""
+        if self.name in (*AIMS, "decision_time"):
+            return "s"
+        return BY_NAME[self.name].unit if self.name in BY_NAME else ""
 
     def figures(self, outcomes: Outcomes) -> Array:
-        """Compute the figures of each run of ``outcomes``, (runs, columns).
-
-        Most costs have one column. ``expected_time_to_right`` has the two of ``costs.consensus``; ``time_at_error`` has
-        the five of ``costs.at_error``.
-
-        Raises:
-            InputError: the cost gives no finite number for a run, or is not defined on these outcomes.
-            CodeError: a user's cost failed.
-        """
+        """Compute the figures of each run of ``outcomes``, (runs, width)."""
         if self.function is not None:
             place = f"cost '{self.name}'"
             code = getattr(self.function, "__code__", None)
             with errors_in(f"{code.co_filename if code else place}:{self.name}", otherwise=place):
-                figures = self.function(outcomes)
-            return costs.check_figures(figures, outcomes.run.size, place)
-        if self.name in AIMS:
-            figures, _ = AIMS[self.name]
-            return figures(outcomes)
-        # the only built-in cost with parameters, apart from ``time_at_error`` above
-        parameters = dict(self.parameters) if self.name == "errors" else {}
-        return costs.check_figures(
-            costs.COSTS[self.name](outcomes, **parameters), outcomes.run.size, self.name
-        )
+                values = self.function(outcomes)
+        elif self.name in AIMS:
+            values = AIMS[self.name][0](outcomes)
+        else:
+            values = costs.COSTS[self.name](outcomes, **self.parameters)
+        return costs.check_figures(values, (outcomes.run.size, self.width), f"cost '{self.name}'")
 
     def score(self, rows: Rows) -> float:
-        """Compute the score from the figures ``rows``, (runs, cases, columns); without runs it is infinite.
-
-        ``rows`` has only the columns of this objective.
-        """
-        if rows.shape[0] == 0:
-            return math.inf
-        by_case = [self._of_case(rows[:, case]) for case in range(rows.shape[1])]
-        return max(by_case) if self.over == "worst" else float(np.mean(by_case))
+        """Compute the score from the figures ``rows``, (runs, cases, columns), at least those of one run."""
+        return max(self._of_case(rows[:, case]) for case in range(rows.shape[1]))
 
     def interval(self, rows: Rows, level: float = 0.95, seed: int = 0) -> Interval:
         """Compute the score with its confidence interval.
 
-        With one case and at least two runs, the interval of a mean is Student's, that of a mean of shares
-        ``bounded_mean``, and that of a share of runs Wilson's. That of a
-        mean + sd is a bootstrap-t. Every other interval is a bootstrap over runs. The limits of the worst of several
-        cases are the highest of the cases. A score that cannot be negative has no finite limit below 0. Student's
-        limits and those of a bootstrap are infinite where ``few_differ``, those of a mean + sd with fewer than
-        ``LEAST_SPREAD`` runs, and those of ``expected_time_to_right`` where no run of a case is right.
-
-        Args:
-            rows: figures of the runs, (runs, cases, columns). level: of confidence. seed: of the bootstrap.
+        The interval of a mean is Student's, of a mean + sd a bootstrap-t, of a mean of shares that of the figure, and
+        of a composite objective a bootstrap over runs; of several cases that of ``worst_case``. Limits that few runs do
+        not give are infinite.
         """
-        runs, cases = rows.shape[:2]
-        if cases > 1 and self.over == "worst":
-            return self._clipped(
-                worst_case(lambda k, at: self.interval(rows[:, k : k + 1], at, seed), cases, level)
-            )
-        if cases == 1 and self.name not in AIMS and runs > 1 and self.statistic == "mean":
-            return self._mean_interval(rows[:, 0, 0], level)
-        if self.statistic == "mean+sd" and self.name not in AIMS:
-            found = self._bootstrap_t(rows, level, seed)
-        else:
+        if (cases := rows.shape[1]) > 1:
+            return worst_case(lambda k, at: self.interval(rows[:, k : k + 1], at, seed), cases, level)
+        least = 0.0 if self.function is None else -math.inf
+        found = within(self._of_one_case(rows, level, seed), least, math.inf)
+        return without_limits(found) if (found.low, found.high) == (least, math.inf) else found
+
+    def _of_one_case(self, rows: Rows, level: float, seed: int) -> Interval:
+        values, figure = rows[:, 0, 0], None if self.function else BY_NAME.get(self.name)
+        if self.name in AIMS:
             found = bootstrap(self.score, rows, level, seed)
-        if self.name == "expected_time_to_right" and not rows[:, :, 1].any(axis=0).all():
-            found = without_limits(found)
-        return self._clipped(found)
+            never_right = self.name == "expected_time_to_right" and not rows[:, 0, 1].any()
+            return without_limits(found) if never_right else found
+        if self.statistic == "mean+sd":
+            return self._bootstrap_t(rows, level, seed)
+        if figure is not None and figure.is_share:
+            return figure.mean(values, level)
+        found = mean_interval(values, level)
+        return without_limits(found) if few_differ(values) else found
 
     def are_too_few(self, runs: int) -> bool:
-        """Return whether the score of so many runs has no limits, whatever their costs are."""
+        """Return whether the score of so many runs has no limits."""
         return runs < (2 if self.name in AIMS or self.statistic == "mean" else LEAST_SPREAD)
 
     def _bootstrap_t(self, rows: Rows, level: float, seed: int) -> Interval:
@@ -244,62 +174,24 @@ class Objective:
         skew, which percentiles of the resamples' scores leave out: of 50 exponential costs they are below the true
         score in 12 of 100 searches, of 5 in 28.
         """
-        runs, estimate = rows.shape[0], self.score(rows)
-        if self.are_too_few(runs) or few_differ(rows[:, :, :1]):
-            return Interval(estimate, -math.inf, math.inf, level, runs, "bootstrap-t")
-        _, error = self._mean_sd(rows)
-        drawn, errors = drawn_scores(self._mean_sd, rows, seed).T
+        values, estimate = rows[:, 0, 0].copy(), self.score(rows)
+        if self.are_too_few(values.size) or few_differ(values):
+            return Interval(estimate, -math.inf, math.inf, level, values.size, "bootstrap-t")
+        _, error = _mean_sd(values)
+        drawn, errors = drawn_scores(_mean_sd, values, seed).T
         with np.errstate(divide="ignore"):  # a resample of equal costs
             t = (drawn - estimate) / errors
         low, high = estimate - error * np.quantile(t, [0.5 + level / 2, 0.5 - level / 2])
-        return Interval(estimate, float(low), float(high), level, runs, "bootstrap-t")
-
-    def _mean_sd(self, rows: Rows) -> tuple[float, float]:
-        """Return ``score``, mean + sd, and its standard error by the influence of each run (the delta method).
-
-        Thousands of resamples are scored, so that the mean and the deviations of both are computed once.
-        """
-        of_cases = np.ascontiguousarray(rows[:, :, 0].T)
-        means = of_cases.mean(axis=1, keepdims=True)
-        apart = of_cases - means
-        squares = apart**2
-        sd = np.sqrt(squares.mean(axis=1, keepdims=True))
-        influence = apart + (squares - sd**2) / (2.0 * np.maximum(sd, NOTHING))
-        by_case = (means + sd)[:, 0]
-        return float(by_case.mean()), float(influence.mean(axis=0).std(ddof=1)) / math.sqrt(len(rows))
-
-    @property
-    def _least(self) -> float:
-        """The least value of a score: 0, but for a user's cost and negative prices."""
-        may_be_negative = self.function is not None or min(self.parameters.values(), default=0.0) < 0.0
-        return -math.inf if may_be_negative else 0.0
-
-    def _clipped(self, found: Interval) -> Interval:
-        """Return limits that are no lower than a score can be; limits that then say nothing are infinite."""
-        clipped = within(found, self._least, math.inf)
-        return without_limits(found) if clipped[1:3] == (self._least, math.inf) else clipped
-
-    def _mean_interval(self, values: Array, level: float) -> Interval:
-        """Compute the mean of one figure of each run, (runs,), with its interval."""
-        figure = BY_NAME.get(self.name)
-        if figure is None or self.function is not None or not figure.is_share:
-            found = mean_interval(values, level)
-            return without_limits(found) if few_differ(values) else self._clipped(found)
-        if figure.kind == "runs":  # 1 in the runs that count, 0 in the others
-            return wilson(int(values.sum()), values.size, level)
-        return figure.mean(values, level)
+        return Interval(estimate, float(low), float(high), level, values.size, "bootstrap-t")
 
     def estimate(self, rows: Rows) -> tuple[float, float]:
         """Estimate the score of ``rows``, (runs, cases, columns), and the standard error of the estimate.
 
-        Only the statistic mean + sd, with one case or averaged over cases, is corrected for its small-sample bias. A
-        mean has no bias. The other scores are not smooth in the data (the worst case, a penalty above a limit), so that
-        the correction would be unstable.
+        Only a mean + sd of one case is corrected for its small-sample bias: the others have none, or are not smooth.
         """
-        averaged = rows.shape[1] == 1 or self.over == "mean"
         bias_free, error = corrected(self.score, rows)
-        needs_correction = averaged and self.name not in AIMS and self.statistic == "mean+sd"
-        return (bias_free if needs_correction else self.score(rows)), error
+        is_smooth = rows.shape[1] == 1 and self.name not in AIMS and self.statistic == "mean+sd"
+        return (bias_free if is_smooth else self.score(rows)), error
 
     def _of_case(self, rows: Array) -> float:
         """Compute the score of one case from its figures, (runs, columns)."""
@@ -308,35 +200,38 @@ class Objective:
             # With no right run, half a run counts as right: the score stays finite, and is worse than with one.
             return float(time_s / max(right, 0.5))
         if self.name == "time_at_error":
-            return self._time_at_error(rows)
+            return time_at_error(rows, **(PARAMETERS[self.name] | dict(self.parameters)))
         cost = rows[:, 0]
         mean = float(cost.mean())
-        return mean if self.statistic == "mean" else mean + float(cost.std())  # Eq. 22
+        return mean if self.statistic == "mean" else mean + float(cost.std())
 
-    def _time_at_error(self, rows: Array) -> float:
-        """Compute the score of ``time_at_error``: the mean time plus the penalty for exceeding the limits, s.
 
-        The columns of ``rows``, (runs, 5), are the mean time over robots, s; the numbers of wrong, decided and all
-        robots; and T_end, s, which is the same in all runs.
-        """
-        time_s, wrong, decided, robots = rows[:, :4].sum(axis=0)
-        max_error, max_undecided = self.limits.values()  # in the order in which ``limits`` lists them
-        error = wrong / max(decided, 1.0)  # 0 if no robot decided
-        undecided = 1.0 - decided / robots
-        excess = max(error - max_error, 0.0) / max_error + max(undecided - max_undecided, 0.0) / max_undecided
-        t_end_s = rows[0, 4]
-        return float(time_s / rows.shape[0] + t_end_s * excess)
+def time_at_error(rows: Array, max_error: float, max_undecided: float) -> float:
+    """Compute the mean time plus the penalty for exceeding the limits, s, from the figures ``costs.at_error``."""
+    time_s, wrong, decided, robots = rows[:, :4].sum(axis=0)
+    error = wrong / max(decided, 1.0)  # 0 if no robot decided
+    undecided = 1.0 - decided / robots
+    excess = max(error - max_error, 0.0) / max_error + max(undecided - max_undecided, 0.0) / max_undecided
+    t_end_s = rows[0, 4]
+    return float(time_s / rows.shape[0] + t_end_s * excess)
+
+
+def _mean_sd(values: Array) -> tuple[float, float]:
+    """Return mean + sd, and its standard error by the influence of each run (the delta method)."""
+    mean = values.mean()
+    apart = values - mean
+    squares = apart**2
+    sd = np.sqrt(squares.mean())
+    influence = apart + (squares - sd**2) / (2.0 * max(sd, NOTHING))
+    return float(mean + sd), float(influence.std(ddof=1)) / math.sqrt(values.size)
 
 
 def worst_case(of_case: Callable[[int, float], Interval], cases: int, level: float = 0.95) -> Interval:
     """Return the highest figure of several cases, with the highest lower and the highest upper limit of the cases.
 
-    The highest of several estimates is too high: a bootstrap of it is above the true value of five equal cases in up to
-    24 of 100 searches. The true value is that of one case, whose upper limit suffices; and at least that of each case,
-    so that their lower limits must hold together (Bonferroni). Cases without the figure (nan) are left out.
-
-    Args:
-        of_case: computes the figure of a case, by its place, at a level of confidence.
+    The highest of several estimates is too high. The true value is that of one case, whose upper limit suffices; and at
+    least that of each case, so that their lower limits must hold together (Bonferroni). Cases without it (nan) are left
+    out.
     """
     alone = [of_case(k, level) for k in range(cases)]
     known = [k for k in range(cases) if not math.isnan(alone[k].estimate)]
@@ -348,13 +243,7 @@ def worst_case(of_case: Callable[[int, float], Interval], cases: int, level: flo
 
 
 def few_differ(rows: Rows) -> bool:
-    """Return whether fewer than ``LEAST_DIFFERING`` runs, and at most half of them, differ from the usual run.
-
-    Limits from such runs would be too narrow, of width 0 if all are alike: others may have been missed by chance.
-
-    Args:
-        rows: figures, with runs along the first axis.
-    """
+    """Return whether few runs differ from the usual one, so that others may have been missed by chance."""
     runs = len(rows)
     _, counts = np.unique(rows.reshape(runs, -1), axis=0, return_counts=True)
     others = runs - int(counts.max())
@@ -362,7 +251,7 @@ def few_differ(rows: Rows) -> bool:
 
 
 def without_limits(found: Interval) -> Interval:
-    """Return an interval with infinite limits: that its estimate cannot be said to have any."""
+    """Return an interval with infinite limits."""
     return found._replace(low=-math.inf, high=math.inf)
 
 
@@ -377,16 +266,9 @@ def bootstrap(
 ) -> Interval:
     """Compute ``score`` of ``rows`` with a percentile bootstrap interval over runs, corrected for the bootstrap bias.
 
-    A resample repeats some runs and lacks others, so that its standard deviation is too low on average. The score of
-    resamples, and with it the interval, would then be too low as well. The interval is therefore shifted by the
-    difference between the score and the mean score of the resamples, and as much wider as few runs need
-    (``draw_limits``).
-
-    Args:
-        score: computes the score of figures. rows: the figures, with runs along the first axis.
-        level: of confidence. seed: of the resampling. draws: number of resamples.
-    Returns:
-        The interval; its limits are infinite with fewer than two runs, or where ``few_differ``.
+    A resample repeats some runs and lacks others, so that its standard deviation is too low on average. The interval is
+    therefore shifted by the difference between the score and the mean score of the resamples, and as much wider as few
+    runs need (``draw_limits``). Its limits are infinite with fewer than two runs, or where ``few_differ``.
     """
     runs, estimate = rows.shape[0], score(rows)
     if runs < 2 or few_differ(rows):
@@ -400,47 +282,21 @@ def bootstrap(
 def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> tuple[float, float]:
     """Correct a score for its small-sample bias, and estimate its standard error, by the grouped jackknife.
 
-    The jackknife scores the runs several times, each time without one group of runs. The bias matters: mean + sd of 10
-    runs is too low by about a tenth, so that candidates with few runs would look better than others.
-
-    Args:
-        score: computes the score of figures. rows: the figures, with runs along the first axis.
-        groups: number of groups, each of successive runs; with fewer runs, each run is a group.
-    Returns:
-        The corrected score and its standard error. With fewer than two runs, or if the score is not finite, the score
-        is returned as it is, with an infinite error.
+    Mean + sd of 10 runs is too low by about a tenth. The corrected score is g * score - (g - 1) * mean of the scores
+    without one of g groups of successive runs.
     """
-    runs = rows.shape[0]
+    runs, estimate = rows.shape[0], score(rows)
     count = min(groups, runs)
-    estimate = score(rows)
-    if count < 2:
+    if count < 2 or not math.isfinite(estimate):
         return estimate, math.inf
-    bounds = np.linspace(0, runs, count + 1).astype(np.int64)
-    keep = np.ones(runs, dtype=np.bool_)
-    without_group = np.empty(count)
-    for g in range(count):
-        keep[bounds[g] : bounds[g + 1]] = False
-        without_group[g] = score(rows[keep])
-        keep[bounds[g] : bounds[g + 1]] = True
-    if not math.isfinite(estimate):  # differences of infinite scores would be nan
-        return estimate, math.inf
-    # Jackknife with g groups: the corrected score is ``g * score_of_all - (g - 1) * mean``, where ``mean`` is that of
-    # the g scores without one group.
-    mean = float(without_group.mean())
-    return count * estimate - (count - 1) * mean, jackknife_error(without_group)
+    bounds = np.linspace(0, runs, count + 1).astype(np.int64).tolist()
+    without = np.array([score(np.concatenate([rows[:low], rows[high:]])) for low, high in pairwise(bounds)])
+    return count * estimate - (count - 1) * float(without.mean()), jackknife_error(without)
 
 
 def objectives_from(block: Any) -> tuple[Objective, ...]:
-    """Make one objective from a table of a search's file, or several from a list of tables; see ``Objective.of``.
-
-    Raises:
-        InputError: ``block`` is neither, or a table is wrong.
-    """
-    if isinstance(block, Mapping):
-        return (Objective.of(block),)
-    many = isinstance(block, Sequence) and not isinstance(block, str)
-    if many and block and all(isinstance(entry, Mapping) for entry in block):
-        return tuple(Objective.of(entry) for entry in block)
-    raise InputError(
-        f"{shown(block)} is wrong; give a table with a cost, or a list of such tables", field="objective"
-    )
+    """Make objectives from a table of a search's file (cost, statistic, parameters of the cost), or from several."""
+    blocks: list[dict[str, Any]] = [dict(block)] if isinstance(block, Mapping) else block
+    check_kind(blocks, list, "objective", "a table with a cost, or a list of such tables")
+    tables = [{"cost": Objective.name, "statistic": Objective.statistic} | table for table in blocks]
+    return tuple(Objective(one.pop("cost"), one.pop("statistic"), one) for one in tables)

@@ -9,9 +9,9 @@ same settings of motion share one simulated motion.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -19,8 +19,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.errors import InputError
-from vibroswarm.inference.agents import arrays_fit, estimate_of, posterior_of, strategy_used
+from vibroswarm.inference.agents import estimate_of, posterior_of, strategy_used
 from vibroswarm.inference.closed_loop import steered_motion
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
 from vibroswarm.inference.outcomes import (
@@ -36,16 +35,23 @@ from vibroswarm.inference.outcomes import (
     wrong_of,
 )
 from vibroswarm.inference.replay import advance, classes_and_values, replayer_of
-from vibroswarm.inference.replayer import Replayer
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.motion.source import moved
-from vibroswarm.observation.observe import observe, reads_energies
+from vibroswarm.observation.observe import observe, read_samples, reads_energies
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, OF_OBSERVATION, floors_of, steers
 from vibroswarm.statistics.figures import Swarms
 
+Seen = tuple[NDArray[np.uint8], NDArray[np.float32] | None]
+"""Classes and values of samples, see ``replay.classes_and_values``."""
 POLL_S: Final = 20.0
 """Interval at which the paper's program checked whether all robots had decided, s; see ``end_s``."""
+AGAIN: Final = 1.3
+"""What a run costs that is simulated again, with its replay, in runs."""
+MANY: Final = 100
+"""Number of earlier runs that tell how long the next ones take."""
+_needed_s: dict[Any, list[float]] = {}
+"""Up to when motion was needed in the last runs, s, by its settings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +101,6 @@ class Outcomes:
                 value.flags.writeable = False
 
     @property
-    def robots(self) -> int:
-        """Number of robots of a run."""
-        return int(self.decision.shape[1])
-
-    @property
     def undecided(self) -> NDArray[np.bool_]:
         """Which robots are undecided, (runs, robots)."""
         return np.asarray(self.decision == -1)
@@ -146,24 +147,10 @@ class Outcomes:
 
 
 def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, tiles: int) -> Outcomes:
-    """Convert the tables of robots and runs of one scenario to outcomes.
-
-    ``Outcomes.end_s`` is the end of each run as it was simulated, and the estimates are those at that time.
-
-    Args:
-        scenario: the one whose runs the tables hold. tiles: number of tiles of its floor.
-        robots: the table of robots, one row per run and robot, sorted by run, then robot.
-        runs: the table of runs, one row per run, in the same order of runs.
-    Raises:
-        InputError: the numbers of rows do not fit together.
-    """
-    if robots.height != runs.height * scenario.swarm.robots:
-        raise InputError(
-            f"{robots.height} rows of robots do not fit {runs.height} runs of {scenario.swarm.robots} robots",
-            field="runs",
-        )
+    """Convert the tables of robots and runs of one scenario to outcomes, with estimates at the end as simulated."""
     shape = (runs.height, scenario.swarm.robots)
-    time_s, estimate = (numbers(robots[name]).reshape(shape) for name in ("decision_time_s", "estimate"))
+    names = ("decision_time_s", "estimate", "belief_below")
+    time_s, estimate, belief = (numbers(robots[name]).reshape(shape) for name in names)
     return Outcomes(
         run=runs["run"].to_numpy().astype(np.int64),
         decision=robots["decision"].to_numpy().astype(np.int64).reshape(shape),
@@ -177,19 +164,12 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
         t_end_s=scenario.run.t_end_s,
         strategy=scenario.strategy.name,
         costs=costs_of(scenario),
-        belief_below=numbers(robots["belief_below"]).reshape(shape),
+        belief_below=belief,
     )
 
 
 def end_s(last_decision_s: float, t_end_s: float) -> float:
-    """Return the end of a run for the cost, s: the first multiple of ``POLL_S`` at or after the last decision.
-
-    The end is T_end if that comes earlier, or if a robot is undecided. The paper's program checked every ``POLL_S``
-    whether all robots had decided, and ended the run at such a check.
-
-    Args:
-        last_decision_s: when the last robot decided; inf if a robot is undecided. t_end_s: the latest end of a run.
-    """
+    """Return the end of a run for the cost, s; ``last_decision_s`` is inf if a robot is undecided."""
     if math.isinf(last_decision_s):
         return t_end_s
     return min(math.ceil(last_decision_s / POLL_S) * POLL_S, t_end_s)
@@ -198,45 +178,34 @@ def end_s(last_decision_s: float, t_end_s: float) -> float:
 def outcomes_of(
     scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str = "event"
 ) -> list[Outcomes]:
-    """Simulate runs of each scenario and return their outcomes, in the order of the scenarios.
-
-    Whatever the setting ``run.stop``, a run stops when its outcome is final.
+    """Simulate runs of each scenario; whatever the setting ``run.stop``, a run stops when its outcome is final.
 
     Args:
-        scenarios: one or several. seed: of all runs. runs: numbers of the runs, at least one.
-        motion: name of the motion source.
-    Raises:
-        InputError: a scenario cannot be simulated.
+        seed: of all runs. runs: numbers of the runs, at least one. motion: name of the motion source.
     """
-    groups: dict[tuple[Any, ...], list[int]] = {}  # indices of the scenarios that share motion
+    groups: dict[tuple[Any, ...], list[int]] = defaultdict(list)  # indices of the scenarios that share motion
     for k, scenario in enumerate(scenarios):
-        # A strategy that steers changes the motion of its robots, so that no other scenario shares it. The index k
-        # makes the key unique.
+        # A strategy that steers changes the motion of its robots: the index k makes the key unique.
         steered = (k,) if steers(scenario) else ()
-        motion_key = (*steered, *(getattr(scenario, section) for section in OF_MOTION))
-        groups.setdefault(motion_key, []).append(k)
+        groups[*steered, *(getattr(scenario, section) for section in OF_MOTION)].append(k)
     by_scenario: dict[int, Outcomes] = {}
     for group in groups.values():
-        at_a_time = min(arrays_fit(scenarios[k]) for k in group)
-        for low in range(0, len(group), at_a_time):
-            some = group[low : low + at_a_time]
-            outcomes = _simulated_together([scenarios[k] for k in some], seed, runs, motion)
-            by_scenario |= dict(zip(some, outcomes, strict=True))
+        outcomes = _simulated_together([scenarios[k] for k in group], seed, runs, motion)
+        by_scenario |= dict(zip(group, outcomes, strict=True))
     return [by_scenario[k] for k in range(len(scenarios))]
 
 
 def _simulated_together(
     scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str
 ) -> list[Outcomes]:
-    """Simulate the motion of each run once, and from it the outcomes of all these scenarios, which share motion.
+    """Simulate motion as far as most runs need it, and once more, to T_end, for those that need more.
 
-    Motion is simulated as far as most runs need it, and once more, to T_end, for those that need more. The arguments
-    and the result are those of ``outcomes_of``. A scenario that steers is the only one.
+    A scenario that steers is the only one.
     """
     first, t_end_s = scenarios[0], scenarios[0].run.t_end_s
     courses = [_Course(scenario, seed, runs) for scenario in scenarios]
     moves, is_steered = any(map(needs_moves, scenarios)), steers(first)
-    before = _needed_s(tuple(getattr(first, section) for section in OF_MOTION))
+    before = _needed_s.setdefault(tuple(getattr(first, section) for section in OF_MOTION), [])
     until_s = t_end_s if is_steered else _cheapest_s(before, t_end_s)
     left = np.argsort(runs)  # indices of runs, in the order that tables have
     while left.size:
@@ -247,7 +216,7 @@ def _simulated_together(
         else:
             until = [tick_at(until_s, first.run.control_period_ms)] * left.size
             shared = moved(motion, first, seed, some, moves, until=until)
-        timeline, seen = timeline_of(first, shared), dict[Any, pl.DataFrame]()
+        timeline, seen = timeline_of(first, shared), dict[Any, Seen]()
         needed_s = np.max([course.take(left, timeline, shared, seen) for course in courses], axis=0)
         before += needed_s.tolist() if left.size == len(runs) else []
         left = left[needed_s > until_s + 1e-9] if until_s < t_end_s else left[:0]
@@ -256,33 +225,17 @@ def _simulated_together(
     return [course.outcomes() for course in courses]
 
 
-MANY: Final = 100
-"""Number of earlier runs that tell how long the next ones take."""
-
-
-@lru_cache(maxsize=16)
-def _needed_s(of_motion: Any) -> list[float]:
-    """Return up to when motion was needed in the last runs with these settings, s: a list that callers extend."""
-    del of_motion
-    return []
-
-
 def _cheapest_s(needed_s: list[float], t_end_s: float) -> float:
-    """Return up to when runs are best simulated first, s, before those that need more are simulated to ``t_end_s``.
-
-    Args:
-        needed_s: what the last runs needed.
-    """
+    """Return up to when runs are best simulated first, s, from what the last runs needed."""
     times_s = np.sort([*needed_s, t_end_s])
     again = 1.0 - np.arange(1, times_s.size + 1) / times_s.size  # share of the runs that need more
-    return float(times_s[np.argmin(times_s + t_end_s * again)])
+    return float(times_s[np.argmin(times_s + AGAIN * t_end_s * again)])
 
 
 class _Course:
     """The runs of one scenario."""
 
     def __init__(self, scenario: Scenario, seed: int, runs: Sequence[int]) -> None:
-        """Make the floors of the runs, and empty arrays of outcomes."""
         self.scenario, self.seed, self.runs, self.strategy = scenario, seed, runs, strategy_used(scenario)
         self.may_change = self.strategy.revises and scenario.decision.revise
         self.stops_early, self.t_end_s = scenario.run.stop == "all_decided", scenario.run.t_end_s
@@ -292,25 +245,21 @@ class _Course:
         self.end_s, self.judged_s = np.empty(len(runs)), np.empty(len(runs))
 
     def take(
-        self, some: NDArray[np.int64], timeline: Timeline, moved: Motion, seen: dict[Any, pl.DataFrame]
+        self, some: NDArray[np.int64], timeline: Timeline, moved: Motion, seen: dict[Any, Seen]
     ) -> Array:
-        """Replay runs, write their outcomes, and return up to when their motion is needed, s, (runs,).
-
-        Args:
-            some: indices of the runs. timeline, moved: their motion. seen: observations by what they depend on.
-        """
+        """Replay runs, by index, write their outcomes, and return up to when their motion is needed, s, (runs,)."""
         scenario, seed = self.scenario, self.seed
         reads = reads_energies(scenario)
         key = (reads, *(getattr(scenario, section) for section in OF_OBSERVATION))
-        if key not in seen:
-            seen[key] = observe(scenario, seed, moved.samples, self.floors, energies=reads)
+        if key not in seen and reads:
+            seen[key] = classes_and_values(observe(scenario, seed, moved.samples, self.floors))
+        elif key not in seen:  # without the table
+            seen[key] = read_samples(scenario, seed, moved.samples, self.floors).observation, None
         replayer = replayer_of(scenario, seed, timeline)
         agents, shape = replayer.swarm.agents, (some.size, -1)
 
         def replay(limits_s: Array, is_last: bool = False) -> tuple[NDArray[np.int64], Array]:
-            """Replay each run up to a limit of its own; return decisions and their times."""
-            read = classes_and_values(seen[key])
-            advance(replayer, scenario, seed, timeline, *read, limits_s, is_last=is_last)
+            advance(replayer, scenario, seed, timeline, *seen[key], limits_s, is_last=is_last)
             return agents["decision"].reshape(shape).copy(), agents["decided_s"].reshape(shape).copy()
 
         decision, time_s = replay(np.full(some.size, np.inf))
@@ -324,14 +273,17 @@ class _Course:
         ends_s = np.array([end_s(s, self.t_end_s) for s in last_s.tolist()])
         replay(ends_s)
         self.decision[some], self.decision_time_s[some] = decision, time_s
-        self.estimate[some] = self._estimates(replayer).reshape(shape)
+        if self.strategy.has_own_estimate:
+            estimate = np.array(replayer.swarm.states["estimate"])
+        else:
+            estimate = estimate_of(*posterior_of(scenario, replayer.swarm, self.strategy))
+        self.estimate[some] = estimate.reshape(shape)
         self.sent[some] = agents["sent"].reshape(shape)
         replay(ends_s, is_last=True)
         self.belief[some] = agents["belief"].reshape(shape)
         self.end_s[some], self.judged_s[some] = ends_s, judged_s
-        if self.may_change and not self.stops_early:
-            return judged_s
-        known_s: Array = np.maximum(ends_s, judged_s) if self.stops_early else ends_s
+        is_judged_late = self.stops_early or self.may_change
+        known_s: Array = np.maximum(ends_s, judged_s) if is_judged_late else ends_s
         return np.minimum(known_s + scenario.tick_s, self.t_end_s)
 
     def last_s(self, decided_s: float) -> float:
@@ -340,14 +292,7 @@ class _Course:
             return self.t_end_s
         return min(end_s(decided_s, self.t_end_s) + self.scenario.tick_s, self.t_end_s)
 
-    def _estimates(self, replayer: Replayer) -> Array:
-        """Return each robot's estimate, as in tables, (runs * robots,); nan if the strategy has none."""
-        if self.strategy.has_own_estimate:
-            return np.array(replayer.swarm.states["estimate"])
-        return estimate_of(*posterior_of(self.scenario, replayer.swarm, self.strategy))
-
     def outcomes(self) -> Outcomes:
-        """Return the outcomes of all runs, once they are finished."""
         fills, truth = fills_and_truth(self.scenario, self.floors, self.runs, self.end_s)
         if self.scenario.change.is_given:
             _, truth = fills_and_truth(self.scenario, self.floors, self.runs, self.judged_s)

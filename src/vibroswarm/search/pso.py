@@ -35,8 +35,7 @@ import numpy as np
 from pydantic import Field
 
 from vibroswarm.core.frozen_model import FrozenModel
-from vibroswarm.search.archive import Archive
-from vibroswarm.search.methods import Ask, Iteration, Method, chance, iteration_of, register
+from vibroswarm.search.methods import Archive, Ask, Iteration, Method, chance, iteration_of, register
 from vibroswarm.search.space import Point
 
 if TYPE_CHECKING:
@@ -46,17 +45,15 @@ FIRST_REEVALUATION: Final = 2
 """Number from which ``shared_run`` counts the evaluations of a candidate. It follows from the 265 distinct run numbers
 of the paper's study: of ten numbers in a row only 2 to 11, times iterations 1 to 50, give 265 distinct products."""
 
+KEEPING: Final = ("fixed", "as-ran")
+"""Values of ``noise`` with which a personal best keeps the score with which it became one, as in the paper."""
+
 
 def shared_run(evaluation: int, iteration: int) -> int:
-    """Return the run number of an evaluation as in the paper's program: (evaluation + 2) (iteration + 1).
+    """Return the run number of an evaluation as in the paper's program: (evaluation + 2) (iteration + 1), both from 0.
 
     The number does not depend on the particle, so that all particles of an iteration share their runs. Different pairs
-    of evaluation and iteration often have the same number: the ten first evaluations of each of 50 iterations have only
-    265 distinct numbers.
-
-    Args:
-        evaluation: number of the candidate's evaluation, from 0; extra evaluations continue the count.
-        iteration: from 0.
+    often have the same number.
     """
     return (evaluation + FIRST_REEVALUATION) * (iteration + 1)
 
@@ -93,33 +90,19 @@ class PsoSettings(FrozenModel):
     """With ``as-ran``: share of runs, chosen at random, that count as crashed; in the paper's study a tenth did."""
 
     @property
-    def keeps_scores(self) -> bool:
-        """Whether a personal best keeps the score with which it became one, as in the paper."""
-        return self.noise in ("fixed", "as-ran")
-
-    @property
     def best_of(self) -> int:
         """Number of candidates with extra evaluations in one iteration."""
-        rounding_error = 1e-9  # a product such as 0.2 x 25 may come out a little above 5
-        return math.ceil(self.extra_share * self.particles - rounding_error)
+        # Less rounding: a product such as 0.2 x 25 may come out a little above 5.
+        return math.ceil(self.extra_share * self.particles - 1e-9)
 
     @property
     def runs_an_iteration(self) -> int:
         """Runs in one iteration."""
-        return self.particles * self.evaluations + self.extra_runs
-
-    @property
-    def extra_runs(self) -> int:
-        """Extra runs in one iteration, of all candidates together."""
-        return self.best_of * self.extra
+        return self.particles * self.evaluations + self.best_of * self.extra
 
 
 class Pso:
-    """The swarm, with positions in the unit cube.
-
-    An iteration takes one or two requests: first the evaluations of all particles, then the extra ones if there are
-    any.
-    """
+    """The swarm, with positions in the unit cube. An iteration requests evaluations, then extra ones if any."""
 
     name = "pso"
 
@@ -129,20 +112,15 @@ class Pso:
         seed: int,
         settings: PsoSettings,
         starts: Sequence[Point] = (),
-        falls_over: int | None = None,
     ) -> None:
-        """Place the particles: the first ones at the ``starts``, the others uniformly at random.
-
-        Args:
-            falls_over: number of iterations over which the inertia falls; None: all.
-        """
         self.archive, self.seed, self.settings = archive, seed, settings
         self.iterations, self.iteration = settings.iterations, 0
-        self.falls_over = falls_over or settings.iterations
+        self.falls_over = settings.iterations
+        """Number of iterations over which the inertia falls."""
         self.extras = False
         """Whether the first evaluations of this iteration are done, so that the extra ones are requested next."""
         self.history: list[Iteration] = []
-        shape = (settings.particles, archive.space.size)
+        shape = (settings.particles, len(archive.space.names))
         random = chance(seed, "pso begins")
         self.position = random.random(shape)
         span = 0.0 if settings.noise == "as-ran" else settings.first_velocity
@@ -154,14 +132,10 @@ class Pso:
         self.personal: list[int] = []
         """Keys of the personal bests, one per particle; empty before the end of the first iteration."""
         self.kept = np.full(settings.particles, math.inf)
-        """Score of each personal best at the time at which it became one; read only if ``settings.keeps_scores``."""
+        """Score of each personal best at the time at which it became one; read only with a ``noise`` of ``KEEPING``."""
 
     def ask(self) -> list[Ask]:
-        """Request runs; the list is empty after the last iteration.
-
-        The first request of an iteration adds a candidate for each particle, and requests its first evaluations. The
-        second requests the extra evaluations.
-        """
+        """Request runs: of an iteration the first evaluations, then the extra ones; none after the last iteration."""
         if self.iteration == self.iterations:
             return []
         if not self.extras:
@@ -171,11 +145,8 @@ class Pso:
         return self._extra_asks()
 
     def tell(self) -> None:
-        """Finish an iteration: update the personal bests, add the iteration to the history, and move the particles.
-
-        If extra evaluations are still due, the iteration is not finished, and the next ``ask`` requests them.
-        """
-        if not self.extras and self.settings.extra_runs:
+        """Finish an iteration, if no extra evaluations are due: update the personal bests, and move the particles."""
+        if not self.extras and self.settings.best_of * self.settings.extra:
             self.extras = True
             return
         self.extras = False
@@ -196,28 +167,21 @@ class Pso:
             self._move()
 
     def best(self) -> int:
-        """Return the key of the candidate that is the global best; of equals, that of the first particle.
-
-        Only after the first iteration: there are no personal bests before.
-        """
+        """Return the key of the candidate that is the global best; of equals, that of the first particle."""
         return self.personal[int(np.argmin(self._personal_scores()))]
 
     def finalists(self, count: int) -> list[int]:
-        """Return the keys of up to ``count`` distinct personal bests, the best first.
-
-        Only after the first iteration, as ``best``.
-        """
+        """Return the keys of up to ``count`` distinct personal bests, the best first."""
         order = np.argsort(self._personal_scores(), kind="stable")
         return list(dict.fromkeys(self.personal[k] for k in order))[:count]
 
     def _extra_asks(self) -> list[Ask]:
-        settings, archive = self.settings, self.archive
-        if settings.keeps_scores:  # "fixed" and "as-ran"
-            order = sorted(self.current, key=lambda k: (archive.score(k), k))
-            return [Ask(key, settings.extra) for key in order[: settings.best_of]]
-        candidates = list(dict.fromkeys([*self.personal, *self.current]))  # each candidate once
-        candidates.sort(key=lambda k: (archive.estimate(k)[0], k))
-        return [Ask(key, settings.extra) for key in candidates[: settings.best_of]]
+        if self.settings.noise in KEEPING:
+            ranked = sorted(self.current, key=lambda k: (self.archive.score(k), k))
+        else:
+            candidates = {*self.personal, *self.current}
+            ranked = sorted(candidates, key=lambda k: (self.archive.estimate(k)[0], k))
+        return [Ask(key, self.settings.extra) for key in ranked[: self.settings.best_of]]
 
     def _update_bests(self) -> None:
         """Replace the personal best of each particle whose current candidate has a lower score."""
@@ -229,14 +193,14 @@ class Pso:
             self.personal[particle], self.kept[particle] = self.current[particle], scores[particle]
 
     def _score(self, key: int) -> float:
-        """Return the score that compares candidates: corrected and cautious, but for ``fixed`` and ``as-ran``."""
-        if self.settings.keeps_scores:
+        """Return the score by which candidates are compared."""
+        if self.settings.noise in KEEPING:
             return self.archive.score(key)
         return self.archive.cautious(key, self.settings.caution)
 
     def _personal_scores(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Return the scores of the personal bests, from all their runs so far, but for ``fixed`` and ``as-ran``."""
-        if self.settings.keeps_scores:
+        """Return the scores of the personal bests, from all their runs so far unless kept."""
+        if self.settings.noise in KEEPING:
             return self.kept
         return np.array([self._score(key) for key in self.personal])
 
@@ -262,7 +226,8 @@ class Pso:
 
 
 def _begin(archive: Archive, search: Search) -> Pso:
-    return Pso(archive, search.seed, search.pso_settings, search.starts)
+    settings = search.pso.model_copy(update={"iterations": search.pso_iterations})
+    return Pso(archive, search.study.seed, settings, search.starts)
 
 
 PSO = register(Method("pso", _begin))

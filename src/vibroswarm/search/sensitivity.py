@@ -17,9 +17,8 @@ since a standard deviation of few runs would be noise. With several cases, Y is 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -28,11 +27,10 @@ from vibroswarm.core.numbers import count
 from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference.outcomes import Array
-from vibroswarm.search.evaluate import Evaluator, Request, derived_seed
+from vibroswarm.search.evaluate import derived_seed, evaluator_for
 from vibroswarm.search.spec import Search
 from vibroswarm.statistics.intervals import columns_of, generator
 from vibroswarm.statistics.paired import drawn_interval
-from vibroswarm.study.run import pool_for
 
 PIECE: Final = 10
 """Runs of each point of a design."""
@@ -53,7 +51,6 @@ class Sensitivity:
     """Points of the design."""
     replicates: int
     """Runs of each point."""
-    runs: int
     noise_share: float
     """Share of the variance of the points' means that is noise of the runs; 0 with a single run per point."""
 
@@ -62,52 +59,34 @@ def sobol_indices(
     search: Search,
     budget: int = 20_000,
     *,
-    replicates: int = PIECE,
-    executor: str | Executor = "threads",
-    workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
+    **where: Any,
 ) -> Sensitivity:
     """Estimate Sobol indices of the mean cost over the space of a search.
 
     Args:
-        budget: largest number of runs; ``design_of`` says how many there are.
-        replicates: runs of each point of the design. executor, workers: see ``study.run.pool_for``.
-        progress: called with the number of finished runs.
-    Raises:
-        InputError: SALib is not installed, or the budget is too small. RunError: a run failed.
+        budget: largest number of runs. progress: called with the number of finished runs.
+        where: ``executor``, ``workers``, see ``run_search``.
     """
-    design = design_of(search, budget, replicates)
     # No two runs have the same number, so that the noise of all runs is independent.
     requests = [
-        Request("sensitivity", search.space.values(point), range(k * replicates, (k + 1) * replicates))
-        for k, point in enumerate(design)
+        (search.space.values(point), range(k * PIECE, (k + 1) * PIECE))
+        for k, point in enumerate(saltelli(len(search.space.names), budget // PIECE, search.study.seed))
     ]
-    with pool_for(executor, workers) as pool:
-        found = Evaluator(replace(search, objectives=search.objectives[:1]), pool).figures(requests, progress)
+    with evaluator_for(replace(search, objectives=search.objectives[:1]), **where) as evaluator:
+        found = evaluator.figures("sensitivity", requests, progress)
     if failed := sum(one.failed for one in found):
         why = next(one.why for one in found if one.failed)
         raise RunError(f"{count(failed, 'run')} failed, and every point is needed: {why}")
     costs = np.array([one.rows.mean(axis=1)[:, 0] for one in found])
-    return indices(search.space.names, costs, search.seed)
-
-
-def design_of(search: Search, budget: int, replicates: int = PIECE) -> Array:
-    """Draw the design of an analysis (``saltelli``), whose runs are at most ``budget``.
-
-    Raises:
-        InputError: the budget is too small.
-    """
-    return saltelli(search.space.size, budget // replicates, search.seed)
+    return indices(search.space.names, costs, search.study.seed)
 
 
 def saltelli(dimensions: int, points: int, seed: int) -> Array:
     """Draw Saltelli's design in the unit cube, (N (d + 2), d), for d = ``dimensions`` fields.
 
     N is the largest power of two for which the design has at most ``points`` points: a Sobol sequence is evenly spread
-    only at powers of two. ``seed`` is that of the search.
-
-    Raises:
-        InputError: SALib is not installed, or N would be below 8, which is too few for the indices.
+    only at powers of two.
     """
     sobol = needed("SALib.sample.sobol", "optimize", "optimize sensitivity")
     # N: the bit length of a number, less 1, is the exponent of the largest power of two up to that number. If there are
@@ -130,12 +109,8 @@ def saltelli(dimensions: int, points: int, seed: int) -> Array:
 def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
     """Compute the indices of all fields, with bootstrap limits, from the costs of the runs of a design.
 
-    The bootstrap draws whole blocks of d + 2 points, since the estimators combine the points of a block. Limits are as
-    much wider as few blocks need (``draw_limits``).
-
-    Args:
-        names: of the fields. costs: cost of each run, (N (d + 2), replicates), points in the order of ``saltelli``.
-        seed: of the bootstrap.
+    The bootstrap draws whole blocks of d + 2 points, since the estimators combine the points of a block. ``costs`` is
+    (N (d + 2), replicates), with points in the order of ``saltelli``.
     """
     dimensions, replicates = len(names), costs.shape[1]
     mean = costs.mean(axis=1)
@@ -159,7 +134,6 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
         table=pl.DataFrame(rows, infer_schema_length=None).sort("total", descending=True, nulls_last=True),
         points=mean.size,
         replicates=replicates,
-        runs=costs.size,
         noise_share=float(noise.mean() / pooled.var()) if pooled.var() > 0 else 0.0,
     )
 
@@ -167,11 +141,8 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
 def _shares(mean: Array, noise: Array) -> Array:
     """Compute first-order and total indices, (2, d), with the estimators of Saltelli (2010).
 
-    The variance of the noise is subtracted from the variance of the means. If nothing is left, all indices are nan.
-
-    Args:
-        mean: mean cost of each point, (blocks, d + 2): A, A with coordinate i of B for each field i, B.
-        noise: the variance of each of these means, (blocks, d + 2).
+    ``mean`` is (blocks, d + 2): A, A with coordinate i of B for each field i, B; ``noise`` its variances. If the noise
+    is all of the variance, the indices are nan.
     """
     a, b = mean[:, 0], mean[:, -1]
     pooled = np.concatenate([a, b])

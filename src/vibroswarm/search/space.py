@@ -19,14 +19,14 @@ values of a list occupy equal parts of [0, 1].
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.errors import InputError, plain_value
+from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import Scenario, value_of
 from vibroswarm.study.cells import bounds_of, fields_in, value_between
 
@@ -47,31 +47,16 @@ PAPER: Final[dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Dimension:
-    """One field with its bounds and scale, or its choices."""
+    """One field with its bounds and scale (``linear`` or ``log``), or its choices."""
 
     name: str
     low: float = 0.0
     high: float = 1.0
     scale: str = "linear"
-    """``linear`` or ``log``."""
     whole: bool = False
     """Whether values are whole numbers."""
     choices: tuple[Any, ...] = ()
     """Values of a list; empty for a range."""
-
-    @classmethod
-    def of(cls, name: str, given: Any) -> Dimension:
-        """Make the dimension of a field from its entry in a search file, a range or a list of values.
-
-        Raises:
-            InputError: the range is wrong, or the list has fewer than two values.
-        """
-        given = plain_value(given)
-        if not isinstance(given, Sequence):
-            return cls(name, *bounds_of(given, name))
-        if len(given) < 2 or isinstance(given, str):
-            raise InputError(f"{given!r} leaves no choice", field=f"space.{name}")
-        return cls(name, choices=tuple(given))
 
     def value(self, u: float) -> Any:
         """Return the value at the coordinate ``u`` in [0, 1]."""
@@ -84,21 +69,16 @@ class Dimension:
         return min(int(u * len(self.choices)), len(self.choices) - 1)
 
     def share(self, value: Any) -> float:
-        """Return the coordinate of a value in [0, 1]; of a choice, the middle of its part.
-
-        Raises:
-            InputError: the value is out of bounds, or not among the choices.
-        """
+        """Return the coordinate of a value in [0, 1]; of a choice, the middle of its part."""
+        is_inside = value in self.choices if self.choices else self.low <= value <= self.high
+        if not is_inside:
+            bounds = list(self.choices) or f"between {self.low:g} and {self.high:g}"
+            raise InputError(f"{value!r} is not in {bounds}", field=self.name)
         if self.choices:
-            chosen = _as_lists(value)
-            if chosen not in self.choices:
-                raise InputError(f"{chosen!r} is not among {list(self.choices)}", field=self.name)
-            return (self.choices.index(chosen) + 0.5) / len(self.choices)
-        if not isinstance(value, int | float) or not self.low <= value <= self.high:
-            raise InputError(f"{value!r} lies outside {self.low:g} to {self.high:g}", field=self.name)
+            return (self.choices.index(value) + 0.5) / len(self.choices)
         if self.scale == "log":
             return math.log(value / self.low) / math.log(self.high / self.low)
-        return (value - self.low) / (self.high - self.low)
+        return float(value - self.low) / (self.high - self.low)
 
 
 @dataclass(frozen=True)
@@ -109,23 +89,21 @@ class Space:
 
     @classmethod
     def of(cls, block: Mapping[str, Any]) -> Space:
-        """Read a space from a table that maps fields to ranges or lists of values.
-
-        Raises:
-            InputError: a field is unknown or has wrong bounds, or the table is empty.
-        """
+        """Read a space from a table that maps fields to ranges or lists of values."""
         fields = fields_in(block, "space")
         if not fields or "preset" in fields:
             raise InputError("name at least one field with bounds, and no preset", field="space")
-        return cls(tuple(Dimension.of(name, bounds) for name, bounds in fields.items()))
+        return cls(
+            tuple(
+                Dimension(name, choices=tuple(given))
+                if isinstance(given, list) and given
+                else Dimension(name, *bounds_of(given, name))
+                for name, given in fields.items()
+            )
+        )
 
     def __iter__(self) -> Iterator[Dimension]:
         return iter(self.dimensions)
-
-    @property
-    def size(self) -> int:
-        """Number of fields."""
-        return len(self.dimensions)
 
     @property
     def names(self) -> list[str]:
@@ -144,11 +122,7 @@ class Space:
         return {d.name: d.value(float(u)) for d, u in zip(self.dimensions, point, strict=True)}
 
     def point(self, values: Mapping[str, Any]) -> Point:
-        """Return the point of the unit cube at which the fields have these values.
-
-        Raises:
-            InputError: a field is missing or not in the space, or its value is out of bounds.
-        """
+        """Return the point of the unit cube at which all fields of the space have these values."""
         if differing := sorted(values.keys() ^ set(self.names)):
             raise InputError("give a value for every field of the space, and no other", field=differing[0])
         return np.array([d.share(values[d.name]) for d in self.dimensions])
@@ -156,8 +130,3 @@ class Space:
     def values_of(self, scenario: Scenario) -> Values:
         """Return a scenario's values of the fields of the space."""
         return {name: value_of(scenario, name) for name in self.names}
-
-
-def _as_lists(value: Any) -> Any:
-    """Return the tuples of a scenario as the lists of a search file, however deeply nested."""
-    return list(map(_as_lists, value)) if isinstance(value, list | tuple) else value

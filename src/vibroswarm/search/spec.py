@@ -26,8 +26,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
+import numpy as np
 from pydantic import Field, ValidationError
 
 from vibroswarm.core.frozen_model import FrozenModel
@@ -36,11 +37,10 @@ from vibroswarm.errors import InputError, in_file
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.choices import field_error
 from vibroswarm.scenario.scenario import Scenario, preset
-from vibroswarm.search import methods, optuna_samplers  # noqa: F401  (the second registers methods)
+from vibroswarm.search import methods
 from vibroswarm.search.objective import Objective, objectives_from
-from vibroswarm.search.pso import PsoSettings
+from vibroswarm.search.pso import KEEPING, PsoSettings
 from vibroswarm.search.space import PAPER, Point, Space, Values
-from vibroswarm.study.cells import Cell
 from vibroswarm.study.spec import Study, as_toml
 
 KEYS: Final = ("space", "objective", "search", "pso", "start")
@@ -50,7 +50,7 @@ START: Final = "paper-empirical"
 FINAL_SHARE: Final = 0.4
 """Share of the budget for the finalists. It is large since the relative error of a mean + sd of these costs is about
 1.5 / sqrt(runs): to distinguish candidates that differ by 10 % takes hundreds of runs of each."""
-AMOUNTS: Final = ("budget", "final", "finalists", "fresh")
+AMOUNTS: Final = {"budget", "final", "finalists", "fresh"}
 """Settings that may change when a search is continued."""
 
 
@@ -67,19 +67,13 @@ class SearchSettings(FrozenModel):
     """Runs of the finalists, part of the budget. Default: 40 % of it, but 0 with the paper's swarm."""
     finalists: Annotated[int, Field(ge=1)] = 12
     """Largest number of finalists."""
-    numbers: Literal["independent", "common"] = "independent"
-    """``independent`` runs for each evaluation, or ``common`` runs for all candidates."""
     fresh: Annotated[int, Field(ge=2)] = 2000
     """Runs on which the winner is validated, in addition to the budget."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """The definition of a search, see the head of this module.
-
-    Raises:
-        InputError: something is wrong.
-    """
+    """The definition of a search, see the head of this module."""
 
     study: Study = field(default_factory=Study)
     """The scenario, the cases (its cells), the seed and the source of motion; its number of runs is ignored."""
@@ -96,36 +90,30 @@ class Search:
         if len(self.objectives) > 1 and not method.several:
             raise InputError("several objectives need the method nsga2", field="search.method")
         for name in self.space.names:
-            if any(name in cell.point for cell in self.cases):
+            if name in self.study.varied:
                 raise InputError("is searched over, and varied by the cases too", field=name)
         self._check_bounds()
-        if self.search_budget < 1 or (self._is_pso and self.pso_settings.iterations < 1):
+        if self.search_budget < 1 or (self.noise and self.pso_iterations < 1):
             raise InputError(
                 f"{self.budget} runs are too few, {self.final_runs} of them final runs", field="search.budget"
             )
-        if self._is_pso and len(self.starts) > self.pso.particles:
-            raise InputError(f"{len(self.starts)} starts for {self.pso.particles} particles", field="start")
 
     def _check_bounds(self) -> None:
-        """Refuse bounds and choices outside the range of a field, whatever the other fields are.
-
-        Raises:
-            InputError: they are.
-        """
-        corners = [{d.name: d.value(u) for d in self.space} for u in (0.0, 0.5, 1.0)]
+        """Refuse bounds and choices outside the range of a field, whatever the other fields are."""
+        corners = [self.space.values(np.full(len(self.space.names), u)) for u in (0.5, 0.0, 1.0)]
         for dimension in self.space:
+            name = dimension.name
             for value in dimension.choices or (dimension.value(0.0), dimension.value(1.0)):
-                found = [self._error({**corner, dimension.name: value}) for corner in corners]
-                mine = [one for one in found if one and f"{one.field}.".startswith(f"{dimension.name}.")]
-                if len(mine) == len(corners):
-                    raise InputError(mine[0].reason, field=f"space.{dimension.name}")
+                if all((why := self._refusal(name, {**corner, name: value})) for corner in corners):
+                    raise InputError(why, field=f"space.{name}")
 
-    def _error(self, values: Values) -> InputError | None:
+    def _refusal(self, name: str, values: Values) -> str:
+        """Return why a scenario refuses a field with these values; empty: it does not."""
         try:
-            self.cases[0].scenario.with_values(values)
+            self.study.cells[0].scenario.with_values(values)
         except InputError as error:
-            return error
-        return None
+            return error.reason if f"{error.field}.".startswith(f"{name}.") else ""
+        return ""
 
     @classmethod
     def from_toml(
@@ -142,91 +130,82 @@ class Search:
 
         Args:
             folder: where the files that the text names are. cost: replaces all objectives by one, with the statistic
-                and ``over`` of the first. noise, settings: replace ``pso.noise`` and settings of ``[search]``, unless
-                None.
-        Raises:
-            InputError: the text is not TOML, or has an unknown or invalid entry.
+                of the first. noise, settings: replace ``pso.noise`` and settings of ``[search]``, unless None.
         """
         values = parsed_toml(text, name)
         own = {key: values.pop(key) for key in KEYS if key in values}
         objectives = objectives_from(own.get("objective", {}))
         if cost is not None:
-            objectives = (Objective(cost, statistic=objectives[0].statistic, over=objectives[0].over),)
+            objectives = (Objective(cost, objectives[0].statistic),)
         given = {"method": "nsga2" if len(objectives) > 1 else "pso"} | own.get("search", {})
         given |= {key: value for key, value in settings.items() if value is not None}
         with plugins.search_beside(folder):
             block = plugins.resolve_codes(own.get("space", PAPER))
             if plugins.is_code(given["method"]):
                 given["method"] = plugins.resolve_code("method", given["method"])
-        swarm = own.get("pso", {}) | ({} if noise is None else {"noise": noise})
+        start = own.get("start")
+        if start is not None:  # files are beside the search's
+            start = tuple(str(Path(folder or "", s)) if str(s).endswith(".toml") else s for s in start)
         return cls(
             study=Study.from_values(values, folder=folder),
             space=Space.of(block),
             objectives=objectives,
             settings=_model(SearchSettings, given, "search"),
-            pso=_model(PsoSettings, swarm, "pso"),
-            start=tuple(_beside(one, folder) for one in own["start"]) if "start" in own else None,
+            pso=_model(PsoSettings, own.get("pso", {}) | ({"noise": noise} if noise else {}), "pso"),
+            start=start,
         )
 
     @classmethod
     def read(cls, path: str | Path, **replaced: Any) -> Search:
-        """Read a search from a TOML file; files that it names are beside it. ``replaced``: as of ``from_toml``.
-
-        Raises:
-            InputError: the file cannot be read, or something in it is wrong.
-        """
+        """Read a search from a TOML file; files that it names are beside it. ``replaced``: see ``from_toml``."""
         path = Path(path)
         with in_file(path):
             text = read_text(path, "a search", filled=True)
             return cls.from_toml(text, name=str(path), folder=path.parent, **replaced)
 
-    def to_values(self) -> dict[str, Any]:
-        """Return the search as nested tables for TOML, self-contained; of a cost of one's own they have the name."""
+    def to_toml(self) -> str:
+        """Write the search as TOML, self-contained; of a cost of one's own it has the name."""
         values: dict[str, Any] = tomllib.loads(self.study.to_toml())
         values.pop("runs", None)  # of a study; a search has a budget
-        blocks = [objective.as_values() for objective in self.objectives]
-        return values | {
+        values |= {
             "start": [self.space.values(point) for point in self.starts],
             "space": self.space.to_block(),
-            "objective": blocks[0] if len(blocks) == 1 else blocks,
+            "objective": [objective.as_values() for objective in self.objectives],
             "search": self.settings.model_dump(exclude_none=True),
             "pso": self.pso.model_dump(),
         }
-
-    def to_toml(self) -> str:
-        """Write the search as TOML."""
-        return as_toml(self.to_values())
+        return as_toml(values)
 
     def with_settings(self, **changed: Any) -> Search:
         """Copy the search with some ``SearchSettings`` changed."""
         return replace(self, settings=SearchSettings(**{**self.settings.model_dump(), **changed}))
 
     @property
-    def seed(self) -> int:
-        """Seed of all random numbers."""
-        return self.study.seed
+    def noise(self) -> str:
+        """How the swarm treats noise (``PsoSettings.noise``); empty with other methods."""
+        return self.pso.noise if self.settings.method == "pso" else ""
 
     @property
-    def cases(self) -> tuple[Cell, ...]:
-        """The scenarios in which every candidate is evaluated."""
-        return self.study.cells
+    def codes(self) -> list[str]:
+        """References to users' code: motion, choices, and what scenarios name."""
+        choices = [value for one in self.space for value in one.choices if plugins.is_code(value)]
+        return [
+            self.study.motion,
+            *choices,
+            *(code for cell in self.study.cells for code in cell.scenario.codes),
+        ]
 
     @cached_property
     def starts(self) -> list[Point]:
-        """The starts as points in the unit cube.
-
-        Raises:
-            InputError: a start lies outside the bounds, or lacks a field.
-        """
+        """The starts as points in the unit cube."""
         default = (START,) if self.space == Space.of(PAPER) else ()
-        return [
-            self.space.point(self._values(one)) for one in (default if self.start is None else self.start)
-        ]
+        return [self._point(one) for one in (default if self.start is None else self.start)]
 
-    def _values(self, start: str | Mapping[str, Any]) -> Values:
-        if isinstance(start, Mapping):
-            return dict(start)
-        return self.space.values_of(Scenario.read(start) if start.endswith(".toml") else preset(start))
+    def _point(self, start: str | Mapping[str, Any]) -> Point:
+        if isinstance(start, str):
+            scenario = Scenario.read(start) if start.endswith(".toml") else preset(start)
+            start = self.space.values_of(scenario)
+        return self.space.point(start)
 
     @property
     def budget(self) -> int:
@@ -238,7 +217,7 @@ class Search:
         """Runs of the finalists; none with several objectives, and by default none with the paper's swarm."""
         if len(self.objectives) > 1:
             return 0
-        default = 0 if self._is_pso and self.pso.keeps_scores else int(FINAL_SHARE * self.budget)
+        default = 0 if self.noise in KEEPING else int(FINAL_SHARE * self.budget)
         return default if self.settings.final is None else self.settings.final
 
     @property
@@ -247,45 +226,19 @@ class Search:
         return self.budget - self.final_runs
 
     @property
-    def _is_pso(self) -> bool:
-        return self.settings.method == "pso"
-
-    @property
-    def is_as_ran(self) -> bool:
-        """Whether the search runs as the paper's program did."""
-        return self._is_pso and self.pso.noise == "as-ran"
-
-    @property
     def pso_iterations(self) -> int:
         """Iterations of the swarm that fit into the budget."""
         return self.search_budget // self.pso.runs_an_iteration
 
-    @property
-    def pso_settings(self) -> PsoSettings:
-        """Settings of the swarm, with the number of iterations that fits into the budget."""
-        return self.pso.model_copy(update={"iterations": self.pso_iterations})
-
-    @property
-    def search_runs(self) -> int:
-        """Runs that the method makes: of a swarm whole iterations, else whole candidates."""
-        unit = self.pso.runs_an_iteration if self._is_pso else self.settings.evaluations
-        return max(self.search_budget // unit, 1) * unit
-
     @cached_property
     def hash(self) -> str:
         """16 hexadecimal digits of all but ``AMOUNTS``, which may change when the search is continued."""
-        values = self.to_values()
-        values["search"] = {k: v for k, v in values["search"].items() if k not in AMOUNTS}
-        values["pso"].pop("iterations")
-        costs = [objective.source for objective in self.objectives]
-        text = json.dumps([values, self.study.hash, costs], sort_keys=True, default=str)
+        starts = [self.space.values(point) for point in self.starts]
+        costs = [(objective.as_values(), objective.source) for objective in self.objectives]
+        settings, pso = self.settings.model_dump(exclude=AMOUNTS), self.pso.model_dump(exclude={"iterations"})
+        parts = [self.study.hash, starts, self.space.to_block(), costs, settings, pso]
+        text = json.dumps(parts, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _beside(start: Any, folder: str | Path | None) -> Any:
-    """Return a start of a file, with the path of a scenario from the working directory."""
-    is_file = isinstance(start, str) and start.endswith(".toml")
-    return str(Path(folder or "") / start) if is_file else start
 
 
 def _model(kind: Any, values: Mapping[str, Any], name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Validate the winner or the Pareto front of a search on fresh runs.
+"""Score sets of values on fresh runs: the winner and the starts of a search, its Pareto front, and cells of a study.
 
 The candidate that looks best of many was partly lucky (the winner's curse), so a search underestimates its cost. That
 estimate is the believed score. The true score comes from fresh runs, which played no part in any choice. The starts are
@@ -13,30 +13,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
 
 from vibroswarm.errors import RunError
-from vibroswarm.search.evaluate import Evaluator, Figures, Request
+from vibroswarm.inference.outcomes import Array
+from vibroswarm.search.evaluate import Figures, derived_seed, evaluator_for
 from vibroswarm.search.loop import Found
 from vibroswarm.search.objective import (
     LEAST_DIFFERING,
     Objective,
     Rows,
     bootstrap,
+    drawn_scores,
     without_limits,
     worst_case,
 )
+from vibroswarm.search.outcomes import from_tables
 from vibroswarm.search.space import Values
 from vibroswarm.search.spec import Search
-from vibroswarm.statistics.best_group import pareto_front
+from vibroswarm.statistics.best_group import best_group, pareto_front
 from vibroswarm.statistics.intervals import Interval, bounded_mean, cluster_share, columns_of, plain
-from vibroswarm.study.run import pool_for
+from vibroswarm.study.cells import Cell
+from vibroswarm.study.run import run
+from vibroswarm.study.runs import Runs
 
 MIN_FRESH_RUNS: Final = 200
 """Fewest fresh runs of each candidate of a front."""
@@ -54,8 +57,6 @@ class Scored:
     score: Interval
     """The score over all cases."""
     figures: Figures
-    cases: tuple[Interval, ...]
-    """The score in each case."""
     parts: Mapping[str, Interval]
     """Parts of the score of ``time_at_error``: time, errors and undecided, each in the case where it is worst."""
 
@@ -79,26 +80,19 @@ def truth_of(
     *,
     runs: int | None = None,
     others: Sequence[tuple[str, Mapping[str, Any]]] = (),
-    folder: str | Path | None = None,
-    executor: str | Executor = "threads",
-    workers: int | None = None,
-    progress: Callable[[int], None] = lambda done: None,
+    **where: Any,
 ) -> Truth:
     """Score the winner, the starts of the search and ``others`` on the same fresh runs, under the first objective.
 
     Args:
         runs: number of fresh runs; by default that of the search's settings.
         others: further sets of values of the space's fields, each with its name.
-        folder: of the search, which saves the fresh runs; None: they are not saved.
-        executor, workers: see ``study.run.pool_for``. progress: called with the number of finished runs.
-    Raises:
-        RunError: all runs of a set of values failed.
+        where: ``folder``, ``executor``, ``workers``, ``progress`` (given the number of finished runs).
     """
     search = found.search
     starts = [(f"start {k + 1}" if len(search.starts) > 1 else "start", search.space.values(point))
               for k, point in enumerate(search.starts)]  # fmt: skip
-    named = [("winner", found.values), *starts, *((name, dict(values)) for name, values in others)]
-    where = {"folder": folder, "executor": executor, "workers": workers, "progress": progress}
+    named = [("winner", found.values), *starts, *others]
     winner, *rest = score_fresh(search, named, runs or search.settings.fresh, **where)
     _, error = found.archive.estimate(found.best)
     return Truth(
@@ -119,18 +113,14 @@ def bias_of(true: Interval, believed: float, error: float) -> Interval:
 
 
 def score_fresh(
-    search: Search, named: Sequence[tuple[str, Mapping[str, Any]]], runs: int, **how: Any
+    search: Search, named: Sequence[tuple[str, Mapping[str, Any]]], runs: int, **where: Any
 ) -> list[Scored]:
-    """Score named sets of values on the same fresh runs, under the first objective; ``how``: as of ``truth_of``.
-
-    Raises:
-        RunError: all runs of a set failed.
-    """
-    width = search.objectives[0].width
-    fresh = _fresh_figures(search, [values for _, values in named], runs, **how)
+    """Score named sets of values on the same fresh runs, under the first objective; ``where``: see ``truth_of``."""
+    objective = search.objectives[0]
+    fresh = _fresh_figures(search, [values for _, values in named], runs, **where)
     return [
-        scored_of(name, dict(values), search.objectives[0], figures._replace(rows=figures.rows[:, :, :width]))
-        for (name, values), figures in zip(named, fresh, strict=True)
+        scored_of(name, dict(values), objective, one._replace(rows=one.rows[:, :, : objective.width]))
+        for (name, values), one in zip(named, fresh, strict=True)
     ]
 
 
@@ -138,16 +128,11 @@ def _fresh_figures(
     search: Search,
     sets: Sequence[Mapping[str, Any]],
     runs: int,
-    *,
-    folder: str | Path | None = None,
-    executor: str | Executor = "threads",
-    workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
+    **where: Any,
 ) -> list[Figures]:
-    with pool_for(executor, workers) as pool:
-        evaluator = Evaluator(search, pool, None if folder is None else Path(folder))
-        requests = [Request("fresh runs", values, range(runs)) for values in sets]
-        found = evaluator.figures(requests, progress)
+    with evaluator_for(search, **where) as evaluator:
+        found = evaluator.figures("fresh runs", [(values, range(runs)) for values in sets], progress)
     for one in found:
         if not one.runs.size:
             raise RunError(f"all {runs} fresh runs failed: {one.why}")
@@ -155,12 +140,9 @@ def _fresh_figures(
 
 
 def scored_of(name: str, values: Values, objective: Objective, figures: Figures) -> Scored:
-    """Compute the score of one set of values, over all cases and in each case, from the figures of its runs."""
-    rows = figures.rows
-    cases = tuple(objective.interval(rows[:, k : k + 1]) for k in range(rows.shape[1]))
-    score = cases[0] if len(cases) == 1 else objective.interval(rows)
-    parts = _parts(rows) if objective.name == "time_at_error" else {}
-    return Scored(name, values, score, figures, cases, parts)
+    """Compute the score of one set of values from the figures of its runs."""
+    parts = _parts(figures.rows) if objective.name == "time_at_error" else {}
+    return Scored(name, values, objective.interval(figures.rows), figures, parts)
 
 
 def paired_score(objective: Objective, first: Scored, second: Scored) -> Interval:
@@ -179,18 +161,12 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
         return objective.score(rows[:, :, :width]) - objective.score(rows[:, :, width:])
 
     found = bootstrap(difference, both)
-    if first is second:
-        return found._replace(low=0.0, high=0.0)
     too_few = differing < LEAST_DIFFERING or objective.are_too_few(of_first.size)
     return without_limits(found) if too_few else found
 
 
 def _parts(rows: Rows) -> dict[str, Interval]:
-    """Compute the parts of ``time_at_error`` from its figures, (runs, cases, columns).
-
-    Each part is that of the case in which it is worst. The intervals of the shares treat each run as a cluster of
-    robots, since robots of a run are not independent.
-    """
+    """Compute the parts of ``time_at_error``; each run is a cluster of robots, which are not independent."""
     time_s, wrong, decided, robots, t_end_s = np.moveaxis(rows, 2, 0)  # (runs, cases) each
     of_cases: dict[str, Callable[[int, float], Interval]] = {
         "decision_time_s": lambda k, at: bounded_mean(time_s[:, k], 0.0, float(t_end_s[0, k]), at),
@@ -201,40 +177,75 @@ def _parts(rows: Rows) -> dict[str, Interval]:
     return {name: worst_case(of_case, rows.shape[1]) for name, of_case in of_cases.items()}
 
 
-@dataclass(frozen=True)
-class Front:
-    """A Pareto front, scored on fresh runs."""
-
-    names: tuple[str, ...]
-    """The objectives in words, each different."""
-    table: pl.DataFrame
-    """A row for each candidate: key, values, of each objective the believed score and the true one with limits, whether
-    it stays on the front, runs and failed runs."""
-
-
-def front_of(found: Found, **how: Any) -> Front:
+def front_of(found: Found, **where: Any) -> pl.DataFrame | None:
     """Score all candidates on the Pareto front of a search on the same fresh runs, under every objective.
 
-    Args:
-        how: ``folder``, ``executor``, ``workers``, ``progress``, as of ``truth_of``.
-    Raises:
-        RunError: all runs of a candidate failed.
+    A row has key, values, of each objective the believed score and the true one with limits, runs and failed runs, and
+    whether the candidate stays on the front. None: no candidate has a score. ``where``: see ``truth_of``.
     """
     search, archive = found.search, found.archive
-    runs = max(search.settings.fresh // len(found.front), MIN_FRESH_RUNS)
+    if not (front := archive.front()):
+        return None
+    runs = max(search.settings.fresh // len(front), MIN_FRESH_RUNS)
     words = [objective.words for objective in search.objectives]
-    names = tuple(f"{one} ({k + 1})" if words.count(one) > 1 else one for k, one in enumerate(words))
-    rows, estimates = [], []
-    fresh = _fresh_figures(search, [archive[key].values for key in found.front], runs, **how)
-    for key, figures in zip(found.front, fresh, strict=True):
+    names = [f"{one} ({k + 1})" if words.count(one) > 1 else one for k, one in enumerate(words)]
+    fresh = _fresh_figures(search, [archive[key].values for key in front], runs, **where)
+    rows = []
+    for key, figures in zip(front, fresh, strict=True):
         row: dict[str, Any] = {"key": key, **archive[key].values}
-        true = [
-            objective.interval(figures.rows[:, :, columns])
-            for objective, columns in zip(search.objectives, archive.columns, strict=True)
-        ]
-        for name, believed, score in zip(names, archive.scores(key), true, strict=True):
-            row |= {f"{name} believed": plain(believed), **columns_of(name, score)}
-        estimates.append([score.estimate for score in true])
+        scored = zip(names, search.objectives, archive.columns, archive.scores(key), strict=True)
+        for name, objective, columns, believed in scored:
+            true = objective.interval(figures.rows[:, :, columns])
+            row |= {f"{name} believed": plain(believed), **columns_of(name, true)}
         rows.append(row | {"runs": figures.runs.size, "failed": figures.failed})
     table = pl.DataFrame(rows, infer_schema_length=None)
-    return Front(names, table.with_columns(stays=pl.Series(pareto_front(*zip(*estimates, strict=True)))))
+    return table.with_columns(stays=pl.Series(pareto_front(*(table[name] for name in names))))
+
+
+@dataclass(frozen=True)
+class CellScores:
+    """Scores of the cells of a study.
+
+    Every cell that does not differ significantly from the one with the lowest score is in the best group, since the
+    runs do not show which of them is best; all differences hold together (``statistics.best_group``).
+    """
+
+    objective: Objective
+    table: pl.DataFrame
+    """A row for each cell: number, varied fields, name; score and above_best with limits; best_group, runs."""
+    best: Cell
+    """The cell with the lowest score."""
+    fresh: Interval
+    """Its score on as many fresh runs, since the lowest of many scores is partly luck."""
+
+
+def scores_of(runs: Runs, objective: Objective, **how: Any) -> CellScores:
+    """Score the cells of a finished study, run by run where they share motion, and the best on fresh runs.
+
+    The costs use the robots' estimates at the end of each run as it was simulated. A search uses those soon after the
+    last decision, or at T_end if a robot is undecided (``outcomes.end_s``). ``how``: arguments of ``study.run.run``.
+    """
+    runs.check_complete()
+    rows = np.concatenate([_figures(runs, cell, objective) for cell in runs.cells], axis=1)
+    by_cell = [slice(k, k + 1) for k in range(len(runs.cells))]
+
+    def scores(some: Rows) -> list[float]:
+        return [objective.score(some[:, cell]) for cell in by_cell]
+
+    draws: Array = np.vstack([scores(rows), drawn_scores(scores, rows)]).T
+    group = best_group(draws, len(rows))
+    scored = [objective.interval(rows[:, cell]) for cell in by_cell]
+    columns = [
+        {**columns_of("score", score), **columns_of("above_best", above), "best_group": tie, "runs": score.n}
+        for score, above, tie in zip(scored, group.difference.tolist(), group.member.tolist(), strict=True)
+    ]
+    table = runs.cell_table.drop("scenario_hash", "wanted", "there").hstack(pl.DataFrame(columns))
+    best, seed = runs.cells[group.best], derived_seed(runs.seed, "fresh runs")
+    fresh = run([best], runs.runs, seed, motion=runs.motion, folder=runs.folder, **how)
+    return CellScores(objective, table, best, objective.interval(_figures(fresh, best, objective)))
+
+
+def _figures(runs: Runs, cell: Cell, objective: Objective) -> Rows:
+    """Return the figures of the runs of a cell, (runs, 1 case, columns)."""
+    tiles = cell.scenario.floor_for(runs.seed, 0).tiles.size  # the same in all runs
+    return objective.figures(from_tables(cell.scenario, *runs.tables(cell), tiles))[:, None, :]
