@@ -84,11 +84,6 @@ def stated(value: float | None) -> str:
     return number(value, digits=6)
 
 
-def rounded(value: float, digits: int) -> float:
-    """Return the number nearest to a value that has so many significant digits."""
-    return float(f"{value:.{digits}g}")
-
-
 def whole(n: float) -> str:
     """Write a number of things whose name follows later, as in ``1,000 of 2,000 runs``."""
     return f"{n:,.0f}"
@@ -139,13 +134,6 @@ def span(values: Iterable[float | None], decimals: int | None = None) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def duration(seconds: float) -> str:
-    """Write how long something takes: ``0.4 s``, ``12 s``, ``3 min``, ``2.5 h``."""
-    if seconds < 90:
-        return f"{seconds:.1f} s" if seconds < 9.5 else f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
 def size(width: float, height: float, unit: str = "m") -> str:
     """Write width and height: ``1.2 m x 0.8 m``."""
     return f"{number(width, digits=4)} {unit} x {number(height, digits=4)} {unit}"
@@ -164,16 +152,6 @@ def verb(n: int, several: str, one: str = "") -> str:
 def every(n: int, thing: str) -> str:
     """Write all of at least one thing: ``the robot``, ``both robots``, ``all 1,000 robots``."""
     return f"the {thing}" if n == 1 else f"both {thing}s" if n == 2 else f"all {count(n, thing)}"
-
-
-def first_of(shown: int, total: int, thing: str) -> str:
-    """Write what is shown of more things than there is room for: ``the first 6 of 9 floors``; empty if it is all."""
-    return f"the first {shown} of {count(total, thing)}" if shown < total else ""
-
-
-def count_of(done: int, wanted: int, thing: str) -> str:
-    """Write how many of some things are done: ``10 of 1,000 runs (1 %)``; 100 % only if all are."""
-    return f"{whole(done)} of {count(wanted, thing)} ({100 * done // max(wanted, 1)} %)"
 
 
 def counts(numbers: Iterable[int], thing: str) -> str:

@@ -18,15 +18,8 @@ REGISTERED: Final = re.compile(r"= register\(\s*\w+\(\s*(?:__name__,\s*)?(?:name
 
 def unknown(kind: str, name: object, known: Iterable[str], field: str) -> InputError:
     """Return the error that no object of a kind has this name; it suggests a similar name and lists all."""
-    import multiprocessing  # here, since --help needs none of it
-
     known = list(known)
     why = f"there is no {kind} {shown(name)}{nearest(name, known)} (there are {', '.join(known)})"
-    if multiprocessing.parent_process() is not None:
-        why += (
-            "; worker processes run neither notebook cells nor code under 'if __name__ == \"__main__\"': register it "
-            "elsewhere in the script, or name a file (FILE.py:NAME)"
-        )
     return InputError(why, field=field)
 
 
@@ -49,9 +42,8 @@ class Registry(Generic[T]):
         """Register an object under its name; return it, or an equal one that is registered already."""
         registered = self._known.setdefault(one.name, one)
         if registered != one:
-            forget = f"{type(registered).__module__}.forget('{registered.name}')"
             raise InputError(
-                f"there is a {self.kind} '{one.name}' already; give yours another name, or call {forget} before if it "
+                f"there is a {self.kind} '{one.name}' already; give yours another name, or call forget before if it "
                 "is an earlier one of yours",
                 field="name",
             )

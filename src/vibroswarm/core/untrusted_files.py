@@ -27,15 +27,12 @@ def read_bytes(path: Path, most: int, what: str) -> bytes:
     return path.read_bytes()
 
 
-def read_text(path: Path, what: str, most: int = MAX_TEXT, *, filled: bool = False) -> str:
+def read_text(path: Path, what: str, most: int = MAX_TEXT) -> str:
     """Read a regular file of at most ``most`` bytes as UTF-8 text; ``what`` names the kind of file, for errors."""
     try:
-        text = read_bytes(path, most, what).decode("utf-8-sig")  # some editors write a byte order mark
+        return read_bytes(path, most, what).decode("utf-8-sig")  # some editors write a byte order mark
     except UnicodeDecodeError:
         raise InputError(f"is not text in UTF-8; {what} is", field=str(path)) from None
-    if filled and not text.strip():
-        raise InputError(f"is empty; {what} has at least one field or comment", field=str(path))
-    return text
 
 
 def read_json(path: Path, what: str) -> Any:

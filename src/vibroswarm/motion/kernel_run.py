@@ -23,10 +23,6 @@ from vibroswarm.motion.robot_params import Setup, give_each, setup_of, speed_qua
 from vibroswarm.robot.walk import STOP, steered
 from vibroswarm.scenario.scenario import Scenario
 
-MAX_TURN_DEG = 3600.0
-"""Largest angle that a strategy may ask for when it steers, to either side."""
-MAX_DRIVE_MS = 1e9
-"""Longest leg that a strategy may ask for when it steers."""
 ROUNDING_TICKS = 1e-6
 """Rounding error allowed for in a number of ticks."""
 
@@ -156,10 +152,6 @@ class KernelRun(ABC):
     def steer(self, robot: int, turn_deg: float = math.nan, drive_ms: float = math.nan) -> None:
         """Set the next turn and leg of a robot that has just sampled (``robot.walk.steered``)."""
         robot = whole_number_of(robot, "robot", 0, self.swarm.size - 1)
-        if abs(turn_deg) > MAX_TURN_DEG:
-            raise InputError(f"{turn_deg!r} is not an angle up to {MAX_TURN_DEG:g} deg", field="turn_deg")
-        if drive_ms < 0.0 or drive_ms > MAX_DRIVE_MS:
-            raise InputError(f"{drive_ms!r} is not a duration up to {MAX_DRIVE_MS:g} ms", field="drive_ms")
         if not steer_robot(self.swarm, robot, float(turn_deg), float(drive_ms)):
             raise InputError(
                 f"robot {robot} has not just sampled; only then can it be steered", field="robot"

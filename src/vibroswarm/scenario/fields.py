@@ -30,7 +30,7 @@ from pydantic import Field, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.errors import InputError, named
+from vibroswarm.errors import named
 from vibroswarm.floors.floor import DIGITS, Floor, as_levels
 from vibroswarm.floors.source import is_generated, named_tiles
 from vibroswarm.floors.surfaces import is_patches, named_patches
@@ -165,8 +165,6 @@ class FloorField(FrozenModel):
 
     def levels_for(self, seed: int, run: int) -> NDArray[Any]:
         """Return the levels of the tiles of (seed, run), (rows, columns), top row first."""
-        if self.values is not None and self.tiles is not None:
-            raise InputError("give either tiles or values", field="floor.values")
         given = self.values or [[int(tile, 16) for tile in row] for row in self.tiles or ()]
         if given:
             with named("floor.tiles" if self.values is None else "floor.values"):

@@ -23,7 +23,7 @@ from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.core.registry import unknown
 from vibroswarm.core.untrusted_files import read_text
 from vibroswarm.core.user_code import TEXT, errors_in
-from vibroswarm.errors import InputError, nearest, shown
+from vibroswarm.errors import InputError, nearest
 from vibroswarm.networks import Network
 from vibroswarm.sensors import SensorModel
 from vibroswarm.strategies import Strategy
@@ -142,8 +142,6 @@ def load_code(code: str, folder: str | Path | None = None) -> str:
     Raises:
         InputError: there is no such file or object. CodeError: the file raised an error.
     """
-    if not is_code(code):
-        raise InputError(f"{shown(code)} is not of the form FILE.py:NAME", field="code")
     return str(load_file(None, code, None if folder is None else Path(folder)).code)
 
 

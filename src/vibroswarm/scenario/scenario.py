@@ -101,7 +101,7 @@ class Scenario(Sections, NotebookView):
             InputError: the file cannot be read, or something in it is wrong.
         """
         path = Path(path)
-        text = read_text(path, "a scenario", filled=True)
+        text = read_text(path, "a scenario")
         with in_file(path):
             return cls.from_toml(text, name=str(path), folder=path.parent)
 

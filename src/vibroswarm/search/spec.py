@@ -160,7 +160,7 @@ class Search:
         """Read a search from a TOML file; files that it names are beside it. ``replaced``: see ``from_toml``."""
         path = Path(path)
         with in_file(path):
-            text = read_text(path, "a search", filled=True)
+            text = read_text(path, "a search")
             return cls.from_toml(text, name=str(path), folder=path.parent, **replaced)
 
     def to_toml(self) -> str:

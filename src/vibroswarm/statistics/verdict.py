@@ -139,7 +139,8 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
 def _scores(result: Result, run: int) -> dict[str, Any]:
     """Return how good the estimates of a run are if the task asks for a number, and else whether it asks anew."""
     task = result.scenario.task
-    words = task.entry.estimated_in_words(task.params)
+    asked = task.entry.estimated
+    words = asked(task.params) if callable(asked) else asked
     if not words:
         return {"asked_anew": task.entry.is_asked_anew(task.params)}
     of_run = pl.col("run") == run

@@ -18,7 +18,7 @@ from functools import cached_property
 from itertools import product
 from typing import Any, Final
 
-from vibroswarm.core.numbers import number, rounded
+from vibroswarm.core.numbers import number
 from vibroswarm.errors import InputError, check_kind, check_known_keys, number_of, whole_number_of
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, field_types, nearest_field
@@ -124,7 +124,7 @@ def value_between(low: float, high: float, scale: str, whole: bool, u: float) ->
         value = low if u == 0.0 else high
     else:
         value = low * (high / low) ** u if scale == "log" else low + u * (high - low)
-    return round(value) if whole else rounded(value, 15)
+    return round(value) if whole else float(f"{value:.15g}")
 
 
 def fields_as_text(texts: Mapping[str, str]) -> str:

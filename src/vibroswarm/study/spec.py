@@ -123,7 +123,7 @@ class Study:
         """
         path = Path(path)
         with in_file(path):
-            values = parsed_toml(read_text(path, "a study", filled=True), str(path))
+            values = parsed_toml(read_text(path, "a study"), str(path))
             return cls.from_values(values, folder=path.parent)
 
     @classmethod

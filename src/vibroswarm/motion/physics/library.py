@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError
 
 ADDRESS: Final = ctypes.c_ssize_t
@@ -35,12 +36,7 @@ class Calls(NamedTuple):
 @cache
 def mujoco() -> Any:
     """Return the module ``mujoco``, with its warnings turned off: runs read and report them themselves."""
-    try:
-        import mujoco as module
-    except ImportError:
-        raise InputError(
-            "needs MuJoCo, which is not installed: pip install 'vibroswarm[physics]'", field="motion"
-        ) from None
+    module = needed("mujoco", "physics", "motion")
     # Without a handler of warnings, MuJoCo writes them into a file in the working directory. One that the user has set
     # is left.
     if module.get_mju_user_warning() is None:
