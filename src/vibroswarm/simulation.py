@@ -204,7 +204,7 @@ def check_scenario(scenario: object) -> None:
 
 def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, Floor]:
     """Return the floor of each run, by run number; one object for all unless floors are drawn for each run."""
-    if scenario.floors_differ:
+    if scenario.floor.drawn_by_run or (scenario.floor.redraw == "run" and scenario.change.is_random):
         return {run: scenario.floor_for(seed, run) for run in runs}
     return dict.fromkeys(runs, scenario.floor_for(seed, 0))
 

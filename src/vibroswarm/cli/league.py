@@ -12,7 +12,7 @@ from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Paged, SwarmOptions, Where
 from vibroswarm.cli.scenario_options import keywords_of, warned
 from vibroswarm.cli.simulate import print_plan
-from vibroswarm.cli.terminal import STAGES
+from vibroswarm.cli.terminal import counting_runs
 
 
 @dataclass(kw_only=True)
@@ -91,6 +91,6 @@ def league(
     warned(chosen.base)
     claim(output, "league", chosen.study.hash)
     print_plan(chosen.study)
-    with STAGES.runs("simulating") as progress:
+    with counting_runs("simulating") as progress:
         standings = play(chosen, output.out, by=by, reference=reference, progress=progress, **execution.where)
     deliver(standings, output)

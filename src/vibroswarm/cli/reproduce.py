@@ -9,7 +9,7 @@ from typing import Annotated
 from vibroswarm.cli.command_line import Option, refuse
 from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Drawn, Workers
-from vibroswarm.cli.terminal import STAGES
+from vibroswarm.cli.terminal import counting_runs
 from vibroswarm.errors import InputError, check_choice
 
 RECORDINGS = "VIBROSWARM_RUGBOT"
@@ -58,6 +58,6 @@ def reproduce(
     wanted = tuple(column for column in COLUMNS if column in (columns or COLUMNS))
     settings = Settings(runs, seed, wanted, recordings, workers)
     claim(output, "reproduce")
-    with STAGES.runs("reproducing") as progress:
+    with counting_runs("reproducing") as progress:
         reproduction = computed(settings, output.out, items_named(only), progress)
     deliver(reproduction, output)

@@ -11,7 +11,7 @@ from vibroswarm.cli.command_line import Option, refuse, share
 from vibroswarm.cli.deliver import claim, deliver
 from vibroswarm.cli.options import Drawn, Paged, Parts, Seed, Simulated, SwarmOptions, Tiles
 from vibroswarm.cli.scenario_options import keywords_of, scenario_from, warn_of
-from vibroswarm.cli.terminal import STAGES, progress_bar, report, say_compiling
+from vibroswarm.cli.terminal import counting_runs, progress_bar, report, say_compiling
 from vibroswarm.errors import named
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def _objective_of(cost: str) -> Any:
 def _scored(runs: Runs, objective: Any, execution: Parts) -> Any:
     from vibroswarm.search.validation import scores_of
 
-    with STAGES.runs("scoring on fresh runs") as progress:
+    with counting_runs("scoring on fresh runs") as progress:
         return scores_of(runs, objective, progress=progress, **execution.where)
 
 
@@ -204,7 +204,7 @@ def run_parts(study: Study, execution: Parts, output: Paged, command: str) -> Ru
     claim(output, command, study.hash)
     warn_of(cell.scenario for cell in study.cells)
     print_plan(study)
-    with STAGES.runs("simulating") as progress:
+    with counting_runs("simulating") as progress:
         runs = study.run(output.out, shard=shard, progress=progress, **execution.where)
     if others := runs.store.other_runs:
         report(f"not used: {others:,} runs of another version of the code")

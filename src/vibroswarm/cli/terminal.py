@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
 from vibroswarm.cli.options import Common
-from vibroswarm.core.stages import Stages
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -82,10 +81,6 @@ def counting_runs(what: str) -> Iterator[Callable[[StudyProgress], None]]:
             update(now.done, now.wanted, f"{what}: {now.done:,} of {now.wanted:,} runs")
 
         yield show
-
-
-STAGES: Final = Stages(runs=counting_runs, share=progress_bar)
-"""Stages of work, each with a bar."""
 
 
 def say_compiling(*sources: str) -> None:

@@ -32,10 +32,6 @@ from vibroswarm.core.atomic_io import MANIFEST
 from vibroswarm.core.untrusted_files import read_json
 from vibroswarm.errors import InputError
 
-REPORT: Final = "report.html"
-"""Name of the page in a folder of results."""
-PICTURES: Final = "pictures"
-"""Name of the folder of pictures in a folder of results."""
 FORMAT: Final = 7
 """Number of the format of all folders."""
 KINDS: Final = {

@@ -19,8 +19,9 @@ REGISTERED: Final = re.compile(r"= register\(\s*\w+\(\s*(?:__name__,\s*)?(?:name
 def unknown(kind: str, name: object, known: Iterable[str], field: str) -> InputError:
     """Return the error that no object of a kind has this name; it suggests a similar name and lists all."""
     known = list(known)
-    why = f"there is no {kind} {shown(name)}{nearest(name, known)} (there are {', '.join(known)})"
-    return InputError(why, field=field)
+    return InputError(
+        f"there is no {kind} {shown(name)}{nearest(name, known)} (there are {', '.join(known)})", field=field
+    )
 
 
 def written_names(folder: str, suffix: str = ".py") -> list[str]:

@@ -153,11 +153,6 @@ _Grey = tuple[Any, int]
 """The grey level of each pixel, integers of shape (height, width), and the level of white."""
 
 
-def check_threshold(threshold: float, field: str = "--image-threshold") -> None:
-    """Refuse a threshold of brightness that is not above 0 and below 1; ``field`` names it in the message."""
-    number_of(threshold, field, math.nextafter(0.0, 1.0), math.nextafter(1.0, 0.0))
-
-
 def _tiles_of_picture(
     grey: _Grey, name: str, size: Size | None, threshold: float | None
 ) -> NDArray[np.uint8]:
@@ -168,7 +163,7 @@ def _tiles_of_picture(
         threshold, (dark, bright) = THRESHOLD, _clear_levels(grey)
         if (dark < threshold) == (bright < threshold):
             threshold, near = (dark + bright) / 2.0, NEAR * (bright - dark)
-    check_threshold(threshold)
+    number_of(threshold, "--image-threshold", math.nextafter(0.0, 1.0), math.nextafter(1.0, 0.0))
     count = int((np.abs(brightness - threshold) < near).sum())
     if count:
         warn_once(

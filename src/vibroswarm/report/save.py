@@ -10,9 +10,13 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.core.atomic_io import make_folder, write_file
-from vibroswarm.core.folders import PICTURES, REPORT
 from vibroswarm.core.tables import csv_bytes, parquet_bytes
 from vibroswarm.report.report import Report, Table
+
+PAGE: Final = "report.html"
+"""Name of the page in a folder of results."""
+PICTURES: Final = "pictures"
+"""Name of the folder of pictures in a folder of results."""
 
 DATA: Final = "report.json"
 """Name of the file with what a report says; it is written last."""
@@ -48,10 +52,10 @@ def save(report: Report, folder: Path, *, page: bool = True, tables: bool = True
     text = json.dumps(data(report), indent=1, allow_nan=False)
     path = folder / DATA
     is_there = path.is_file() and path.read_text(encoding="utf-8") == text
-    if page and not (is_there and (folder / REPORT).is_file()):
+    if page and not (is_there and (folder / PAGE).is_file()):
         from vibroswarm.report.page import page as page_of
 
-        write_file(folder / REPORT, page_of(report))
+        write_file(folder / PAGE, page_of(report))
     if not is_there:
         for name, table in report.tables.items() if tables else ():
             save_table(table.frame, folder / name)

@@ -184,11 +184,6 @@ class Scenario(Sections, NotebookView):
         return replace(floor, changes=changes)
 
     @property
-    def floors_differ(self) -> bool:
-        """Whether a new floor, or new changes, are drawn for each run."""
-        return self.floor.drawn_by_run or (self.floor.redraw == "run" and self.change.is_random)
-
-    @property
     def hash(self) -> str:
         """16 hexadecimal digits that identify the scenario: they differ if any field that has an effect differs.
 
