@@ -6,7 +6,6 @@ a column map explains.
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
 
@@ -97,8 +96,4 @@ energy = "rms"
 """
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "folder", type=Path, nargs="?", default=Path(__file__).parent, help="default: this folder"
-    )
-    make(parser.parse_args().folder)
+    make(Path(__file__).parent)
