@@ -61,5 +61,5 @@ def test_a_run_in_the_browser(result: Result, tabs: Tabs, tmp_path: Path, scheme
     for row in result.motion.filter(pl.col("time_s") < 240.0).sample(20, seed=1).to_dicts():
         check_pose(page, row)
     page.set_viewport_size({"width": 390, "height": 844})
-    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.wait_for_function("document.documentElement.scrollWidth <= 390")  # once it has drawn anew
     assert tabs.emptied() == []
