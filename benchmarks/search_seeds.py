@@ -42,9 +42,7 @@ def values_of(name: str) -> dict[str, Any]:
 def one(seed: int, noise: str, budget: int, fresh: int) -> dict[str, Any]:
     """A search and what is true of it."""
     search = Search(study=Study(seed=seed))
-    search = replace(
-        search, pso=replace(search.pso, noise=noise), settings=replace(search.settings, budget=budget)
-    )
+    search = replace(search, pso=search.pso.model_copy(update={"noise": noise})).with_settings(budget=budget)
     clock_s, cpu_s = time.perf_counter(), time.process_time()
     found = run_search(search)
     clock_s, cpu_s = time.perf_counter() - clock_s, time.process_time() - cpu_s

@@ -34,7 +34,7 @@ def search_of(method: str, budget: int, seed: int) -> Search:
     """The default search with another method, budget and seed."""
     search = Search(study=Study(seed=seed))
     if method == METHODS[0]:
-        search = replace(search, pso=replace(search.pso, noise="fixed"))
+        search = replace(search, pso=search.pso.model_copy(update={"noise": "fixed"}))
     return search.with_settings(method=method.split(",")[0], budget=budget)
 
 

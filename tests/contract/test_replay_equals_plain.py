@@ -1,6 +1,7 @@
 """What kernels make of a motion equals a plain tick-by-tick account of it, value for value.
 
-The account (``vibroswarm.testing.plain_run``) calls the strategies' functions as plain Python and shares nothing else.
+The account (``helpers.plain_reference.plain_run``) calls the strategies' functions as plain Python and shares
+nothing else.
 """
 
 from __future__ import annotations

@@ -15,7 +15,6 @@ from vibroswarm.statistics.intervals import (
     cluster_share,
     generator,
     mean_interval,
-    mean_share_interval,
     pseudo_values,
     quantile_interval,
     rate_interval,
@@ -174,25 +173,6 @@ def test_a_mean_time_of_runs_that_all_last_to_the_end_may_be_earlier() -> None:
         300.0,
         300.0,
     )  # the end is not known
-
-
-def test_intervals_of_small_shares_hold_as_often_as_they_say_and_students_leave_the_range() -> None:
-    """Three sessions with Beta(2, 98) shares, 4000 times: 95 % must hold within 2 points; Student's go below 0."""
-    shares = np.random.default_rng(5).beta(2.0, 98.0, size=(4000, 3))
-    held = [(one := mean_share_interval(row)).low <= 0.02 <= one.high for row in shares]
-    assert np.mean(held) == pytest.approx(0.95, abs=0.02)
-    assert np.mean([mean_interval(row).low < 0.0 for row in shares]) > 0.3
-    even = np.random.default_rng(6).beta(50.0, 50.0, size=(200, 10))
-    for row in even:
-        assert mean_share_interval(row).low == pytest.approx(mean_interval(row).low, abs=0.005)
-
-
-@pytest.mark.parametrize("runs", [20, 400])
-def test_limits_of_means_of_shares_hold_the_mean_of_many_skew_ones_too(runs: int) -> None:
-    """The control: the mean angle is not the angle of the mean, which its limits leave out ever more often."""
-    shares = np.random.default_rng(runs).beta(0.3, 0.7, size=(400, runs))
-    held = [(one := mean_share_interval(row)).low <= 0.3 <= one.high for row in shares]
-    assert np.mean(held) >= 0.92
 
 
 def test_rates_of_events_have_limits_of_counts() -> None:

@@ -40,6 +40,7 @@ from vibroswarm.statistics.intervals import (
     generator,
     jackknife_error,
     mean_interval,
+    wilson,
     within,
 )
 
@@ -158,6 +159,8 @@ class Objective:
             return without_limits(found) if never_right else found
         if self.statistic == "mean+sd":
             return self._bootstrap_t(rows, level, seed)
+        if figure is not None and figure.kind == "runs":  # 1 in the runs that count, 0 in the others
+            return wilson(int(values.sum()), values.size, level)
         if figure is not None and figure.is_share:
             return figure.mean(values, level)
         found = mean_interval(values, level)

@@ -70,6 +70,7 @@ class Dimension:
 
     def share(self, value: Any) -> float:
         """Return the coordinate of a value in [0, 1]; of a choice, the middle of its part."""
+        value = _as_lists(value) if self.choices else value
         is_inside = value in self.choices if self.choices else self.low <= value <= self.high
         if not is_inside:
             bounds = list(self.choices) or f"between {self.low:g} and {self.high:g}"
@@ -79,6 +80,11 @@ class Dimension:
         if self.scale == "log":
             return math.log(value / self.low) / math.log(self.high / self.low)
         return float(value - self.low) / (self.high - self.low)
+
+
+def _as_lists(value: Any) -> Any:
+    """Return the tuples of a scenario as the lists of a search file, however deeply nested."""
+    return list(map(_as_lists, value)) if isinstance(value, list | tuple) else value
 
 
 @dataclass(frozen=True)

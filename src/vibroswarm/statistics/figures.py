@@ -489,7 +489,12 @@ def run_figures(
         costs: of the cell's scenario, ``outcomes.costs_of``; None: two answers, mistakes that cost the same.
     """
     swarms = Swarms.of_tables(robots, runs, t_end_s, costs)
-    columns = [pl.Series(name, values, nan_to_null=True) for name, values in figures_of(swarms).items()]
+    columns = [
+        pl.Series(name, values, nan_to_null=True).cast(
+            pl.Int64 if name in (*swarms.counts, STATED) else pl.Float64
+        )
+        for name, values in figures_of(swarms).items()
+    ]
     return runs.sort("run").select("run", "truth", "consensus").with_columns(columns)
 
 

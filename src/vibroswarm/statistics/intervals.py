@@ -6,7 +6,6 @@
 | ``cluster_share`` | share of robots | Wilson's, with an effective number of robots | Korn & Graubard 1998 |
 | ``mean_interval`` | mean over runs | mean +- t s / sqrt(n) | Student 1908 |
 | ``bounded_mean`` | mean of values in a range | the same, within the range, and ``allowing_for_rare`` | Student 1908 |
-| ``mean_share_interval`` | mean of few shares | Student's, of asin(sqrt(mean)) | - |
 | ``rate_interval`` | mean rate of events | Garwood's limits of K / c events, times c; c = variance / mean | \
 Garwood 1936; McCullagh & Nelder 1989, 6.2 |
 | ``allowing_for_rare`` | mean, where few runs differ | Wilson's limits of how often they do, squared and added | \
@@ -215,28 +214,6 @@ def bounded_mean(
     """
     apart = most - least if math.isnan(unseen) else unseen
     return within(allowing_for_rare(mean_interval(values, level), values, apart), least, most)
-
-
-def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
-    """Compute a mean over runs of shares, with limits that stay in [0, 1]; values of nan are left out.
-
-    A few shares near 0 or 1 have a skew distribution, and Student's limits of their mean may lie outside [0, 1]. So
-    Student's limits are computed for asin(sqrt(mean)), with the standard error of the mean times the slope of this
-    angle, and transformed back. (The mean angle of the shares is that of another number than their mean.) For one run,
-    and if all runs have the same share, limits are those of ``bounded_mean``.
-    """
-    shares = np.clip(without_nan(values), 0.0, 1.0)
-    of_shares = bounded_mean(shares, level=level)
-    if of_shares.n < 2 or np.ptp(shares) <= 1e-12:
-        return of_shares
-    mean = of_shares.estimate
-    error = float(shares.std(ddof=1)) / math.sqrt(shares.size)
-    half = float(stdtrit(shares.size - 1, 0.5 + level / 2)) * error / (2.0 * math.sqrt(mean * (1.0 - mean)))
-    angle = math.asin(math.sqrt(mean))
-    # The angle of a share is from 0 to pi / 2; limits outside that range become those of the shares 0 and 1.
-    low, high = (math.sin(min(max(end, 0.0), math.pi / 2)) ** 2 for end in (angle - half, angle + half))
-    # Rounding must not put the mean outside its limits.
-    return of_shares._replace(low=min(low, mean), high=max(high, mean), how="t of asin(sqrt(share))")
 
 
 def rate_interval(values: ArrayLike, of_one_event: float = math.nan, level: float = 0.95) -> Interval:

@@ -23,29 +23,21 @@ do not count, unless all of the run have faults. Undecided robots are not right.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inference.outcomes import Array, truth_of_robot, truth_over_time
+from vibroswarm.inference.agents import Swarm, strategy_used
+from vibroswarm.inference.outcomes import Array, number_over_time, truth_of_robot, truth_over_time
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.tasks import task
-
-if TYPE_CHECKING:
-    from vibroswarm.inference.agents import Swarm  # a type alone: no kernels are loaded
-
-
-from collections.abc import Iterable
-
-from vibroswarm.inference.agents import strategy_used
-from vibroswarm.inference.outcomes import number_over_time
 from vibroswarm.strategies.base import arrays_of
+from vibroswarm.tasks import task
 
 
 def may_change(scenario: Scenario) -> bool:
