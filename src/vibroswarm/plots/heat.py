@@ -220,12 +220,12 @@ def draw_certainty(
     size_m: tuple[float, float],
     places_m: NDArray[np.float64],
     *,
-    marked_m: Sequence[tuple[float, float, float, float, bool]] = (),
+    marked_m: Sequence[tuple[float, float, float, float]] = (),
     title: str = "",
     style: str = "column",
 ) -> Picture:
     """Draw the probability of damage, and its standard deviation with the places of the samples."""
-    from matplotlib.patches import Ellipse, Rectangle
+    from matplotlib.patches import Rectangle
 
     sizes = style_named(style)
     figure = new_figure(sizes, title=title)
@@ -243,11 +243,10 @@ def draw_certainty(
         *places_m.T, ls="", marker=".", ms=1.2, color=PAPER, markeredgecolor=INK, mew=0.15, rasterized=True,
         scalex=False, scaley=False,
     )  # fmt: skip
-    for axes, (left, bottom, width, height, is_disc) in product(panels, marked_m):
+    for axes, (left, bottom, width, height) in product(panels, marked_m):
         for line in ({"edgecolor": PAPER, "lw": 1.6}, {"edgecolor": INK, "lw": 0.8, "ls": "--"}):
-            centre = (left + 0.5 * width, bottom + 0.5 * height)
-            outline = Ellipse(centre, width, height) if is_disc else Rectangle((left, bottom), width, height)
-            outline.set(fill=False, **line)
+            outline = Rectangle((left, bottom), width, height, fill=False)
+            outline.set(**line)
             axes.add_patch(outline)
     to_scale(figure, sizes, panels[:1], size_m[1] / size_m[0])
     row, column = (index.ravel() for index in np.indices(probability.shape))

@@ -143,8 +143,7 @@ def damage_parts(found: Assessment, samples: Samples) -> Iterator[tuple[str, Tab
             Table(_patches(found), "Called patches", "Limits: 90 % region of place, size, contrast."),
         )
     places_m = np.stack([samples.column("x_m"), samples.column("y_m")], axis=1)
-    marked_m = [(*box, False) for box in found.scan.called_m]
-    draw = partial(draw_certainty, found.scan.raster, samples.size_m, places_m, marked_m=marked_m)
+    draw = partial(draw_certainty, found.scan.raster, samples.size_m, places_m, marked_m=found.scan.called_m)
     yield "damage", Figure(draw, "Damage")
     rows = [
         (contrast, pod.a50_m, pod.a90_m, pod.a90_95_m, pod.false_calls)

@@ -37,8 +37,8 @@ def of_tracking(tracking: Tracking, tracked: TrackedLog | None = None) -> Report
         offset, samples = tracked.offset, tracked.log.samples.height + tracked.unseen
         answer.append(
             f"The robots' clock is {number(offset.offset_s, 3, sign=True)} s ahead of the video's (standard error "
-            f"{number(1000 * offset.error_s, 1)} ms); {offset.pairs} of {count(samples, 'sample')} match a "
-            f"stop, {tracked.unseen} have no position."
+            f"{number(1000 * offset.error_s, 1)} ms); {offset.pairs} of {count(samples, 'sample')} of the log "
+            f"match a stop, {tracked.unseen} have no position."
         )
     return Report(
         title=f"Tracking of {tracking.video.name}",

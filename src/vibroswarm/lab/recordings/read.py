@@ -187,7 +187,9 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
     paths = files_of(path, CAMERA_LOG)
     name = path.resolve().name
     if columns is not None:
-        return _read_table(paths, name, read_model(ColumnMap, Path(columns), "a column map"))
+        by = read_model(ColumnMap, Path(columns), "a column map")
+        named = by if by.name != "table" else by.model_copy(update={"name": Path(columns).name})
+        return _read_table(paths, name, named)
     reader = _format_of(paths[0])
     if reader == "webots":
         return _read_console(paths[0], name)

@@ -255,8 +255,8 @@ class _Seen:
         )
         return np.asarray(np.linalg.norm(after_m - before_m, axis=1))
 
-    def start(self, focal: float) -> Floats:
-        """Return parameters from which the fit starts, with a focal length as a share of the image's width."""
+    def start(self, focal: float) -> Floats | None:
+        """Return parameters from which the fit starts, by a focal length as a share of the image's width, or None."""
         cv2 = opencv()
         # Focal length, centre (2), k1 and k2; see the table of parameters.
         of_lens = [] if self.lens is not None else [np.log(focal), 0.0, 0.0, 0.0, 0.0]
@@ -267,9 +267,7 @@ class _Seen:
             self.floor_m, self.floor_px, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_SQPNP
         )
         if not solved or not np.isfinite([turn, shift]).all():
-            raise InputError(
-                "the floor markers' places do not fit the picture; check their file", field="--markers"
-            )
+            return None
         at[:6] = np.concatenate([turn, shift]).ravel()
         return at
 
@@ -313,7 +311,11 @@ def fit_camera(
     )
     # A lens that is given is not fitted, so one start is enough; its focal length is not used.
     focal_starts = FOCAL_STARTS if lens is None else (1.0,)
-    fits = [seen.fitted(seen.start(focal)) for focal in focal_starts]
+    fits = [seen.fitted(start) for focal in focal_starts if (start := seen.start(focal)) is not None]
+    if not fits:
+        raise InputError(
+            "the floor markers' places do not fit the picture; check their file", field="--markers"
+        )
     found = min(fits, key=lambda fit: float(fit.cost))
     camera = seen.camera(found.x)
     error_px = float(np.sqrt(np.mean(np.sum(seen.floor_errors(found.x, camera.lens) ** 2, axis=1))))

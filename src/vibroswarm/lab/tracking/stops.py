@@ -114,11 +114,14 @@ def _end_of(after: int, time_s: Floats, moved: Floats) -> tuple[float, bool]:
     """
     last_s, usual_s = float(time_s[after - 1]), float(np.median(np.diff(time_s)))
     since_s = time_s[after : after + AFTER] - last_s
-    if since_s.size < 2 or since_s[-1] > (AFTER + 0.5) * usual_s:  # the video is over, or frames are missing
+    since_s = since_s[
+        since_s < (AFTER + 0.5) * usual_s
+    ]  # without those that are late because frames are missing
+    if since_s.size < 2 or since_s[0] > 1.5 * usual_s:  # the video is over, or the next frame is missing
         return last_s, False
     # The robot drove off between that frame and the next one: where a line through its movement is 0, or in the middle
     # if there is no rising line.
-    slope, at_last = np.polyfit(since_s, moved[after : after + AFTER], 1)
+    slope, at_last = np.polyfit(since_s, moved[after : after + since_s.size], 1)
     began_s = np.clip(-at_last / slope, 0.0, since_s[0]) if slope > 0.0 else 0.5 * since_s[0]
     return last_s + float(began_s), True
 
