@@ -9,13 +9,12 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.core.numbers import count
 from vibroswarm.inference.outcomes import CONSENSUS
 from vibroswarm.plots.curves import draw_incidence
 from vibroswarm.plots.distributions import draw_boxes, draw_outcomes
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
-from vibroswarm.plots.heat import draw_density, draw_heat
+from vibroswarm.plots.heat import draw_heat
 from vibroswarm.plots.labels import label_of
 from vibroswarm.plots.picture import Picture
 from vibroswarm.report.report import Figure
@@ -33,8 +32,6 @@ MOST_SERIES: Final = 8
 """Most lines of a picture."""
 MOST_MAPS: Final = 3
 """Most maps of a figure."""
-AGAIN: Final = 50
-"""Most runs that are simulated again for where robots sampled."""
 DRAWN: Final = ("decision_time_s", "swarm_right", "robots_wrong", "estimate_error", "right_time_share")
 """Figures that are drawn along a numeric field."""
 MAPPED: Final = ("decision_time_s", "swarm_right", "estimate_error")
@@ -56,8 +53,6 @@ def pictures(outcome: Outcome) -> Iterator[tuple[str, Figure]]:
     if "swarm_right" in known:
         yield from _over_time(outcome)
         yield from _fronts(outcome)
-    if outcome.runs.rows("robot.samples", cells=[outcome.cells[0].cell])["robot.samples"].list.max().max():
-        yield "samples", Figure(partial(_density, outcome), "Where the robots sampled", folded=True)
 
 
 def numeric_fields(cells: Sequence[Cell]) -> dict[str, list[float]]:
@@ -205,23 +200,6 @@ def _front(table: pl.DataFrame, cells: Sequence[int]) -> Picture:
     }
     frame = table.filter(pl.col("cell").is_in(cells)).select("runs", "name", **columns)
     return draw_front(frame, error_label="forced error", percent=True)
-
-
-def _density(outcome: Outcome) -> Picture:
-    one = outcome.cells[0]
-    runs = outcome.runs.runs_again(one.cell, AGAIN)
-    result = outcome.runs.again(one.cell, runs)
-    arena, floor = one.cell.scenario.arena, result.floor(0)
-    is_fixed = not one.cell.scenario.floor.drawn_by_run
-    return draw_density(
-        result.motion.select("x_m", "y_m"),
-        width_m=arena.width_m,
-        height_m=arena.height_m,
-        tiles=floor.tiles if is_fixed else None,
-        tile_size_m=(floor.tile_width_m, floor.tile_height_m) if is_fixed else None,
-        corner_m=(floor.left_m, floor.bottom_m) if is_fixed else (0.0, 0.0),
-        title=f"{one.cell.name}, {count(runs, 'run')}",
-    )
 
 
 def _title(name: str) -> str:

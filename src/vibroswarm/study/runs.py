@@ -31,7 +31,7 @@ from vibroswarm.result import Result
 from vibroswarm.scenario import plugins
 from vibroswarm.simulation import simulate
 from vibroswarm.statistics.figures import BY_NAME, FIGURES, interval
-from vibroswarm.study.batch import OF_ROBOTS, WALK, motion_key, samples_of_run
+from vibroswarm.study.batch import OF_ROBOTS, WALK, motion_key
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.precision import Precision, Settled
 from vibroswarm.study.store import Store
@@ -49,8 +49,6 @@ OF_RUN: Final = pl.exclude("key", "run", "reported", OF_ROBOT)
 YES_OR_NO: Final = tuple(figure.by_run for figure in FIGURES if figure.kind == "runs")
 ROWS_AT_A_TIME: Final = 50_000
 """Most rows of a block of cells, unless a single cell has more."""
-AGAIN_SAMPLES: Final = 5_000_000
-"""Most samples of a cell that are simulated again for pictures, which take about 0.3 kB of memory each."""
 
 
 @dataclass(frozen=True)
@@ -142,8 +140,13 @@ class Runs(NotebookView):
         if stored is None:
             raise InputError("holds no runs of these cells yet", field=str(self.folder or "runs"))
         stored = stored.select("key", "run", *(columns or [OF_RUN]))
-        joined = wanted.lazy().join(stored, on="key").filter(pl.col("run") < pl.col("_runs"))
-        return joined.drop("key", "_runs").collect().sort("cell", "run")
+        if len(cells) == 1:
+            cell = pl.lit(cells[0].number, pl.UInt32).alias("cell")
+            rows = stored.filter(pl.col("run") < wanted["_runs"][0]).select(cell, pl.exclude("key")).collect()
+        else:
+            joined = wanted.lazy().join(stored, on="key").filter(pl.col("run") < pl.col("_runs"))
+            rows = joined.drop("key", "_runs").collect()
+        return rows if len(cells) == 1 and rows["run"].is_sorted() else rows.sort("cell", "run")
 
     def blocks(self) -> Iterator[Sequence[Cell]]:
         """Yield some cells at a time, so that few of their ``rows`` need to be in memory."""
@@ -166,7 +169,7 @@ class Runs(NotebookView):
 
     def tables(self, cell: Cell) -> tuple[pl.DataFrame, pl.DataFrame]:
         """Return the tables of robots and of runs of a cell, as a ``Result`` has them, with how robots sampled."""
-        rows = self.rows(OF_RUN, OF_ROBOT, cells=[cell])
+        rows = self.rows(*(name for name in RUNS if name != "run"), *WALK, OF_ROBOT, cells=[cell])
         counts = pl.col("right", "wrong", "undecided").fill_null(
             0
         )  # null in figures where no answer is right
@@ -222,11 +225,6 @@ class Runs(NotebookView):
             runs: how many, from run 0, or the numbers of the runs. how: such as ``poses=True``, see ``simulate``.
         """
         return simulate(cell.scenario, self.seed, runs, motion=self.motion, **how)
-
-    def runs_again(self, cell: Cell, most: int) -> int:
-        """Return how many runs of a cell, from run 0 on, are simulated again for a picture: fewer if runs are large."""
-        fits = 1.0 if self.motion == "mujoco" else AGAIN_SAMPLES / samples_of_run(cell.scenario)
-        return max(int(min(most, self.runs_of(cell), fits)), 1)
 
     def to_pandas(self, table: str = "frame") -> pd.DataFrame:
         """Convert ``frame`` or ``robots`` to pandas, which must be installed."""

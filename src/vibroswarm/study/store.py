@@ -106,7 +106,8 @@ class Store:
             if named := _NAME.fullmatch(path.name):
                 self._read(path, named[1])
         self.ranges = {}
-        for block in sorted(self.blocks, key=lambda block: block.first):
+        self.blocks.sort(key=lambda block: block.first)
+        for block in self.blocks:
             for key in block.keys:
                 self.ranges.setdefault(key, []).append((block.first, block.last))
 

@@ -127,7 +127,8 @@ def outcome_of(runs: Runs, reference: str | None = None) -> Outcome:
 
 def _outcomes(runs: Runs, cells: Sequence[Cell]) -> Iterator[CellOutcome]:
     """Summarise cells."""
-    tables = runs.rows(cells=cells).partition_by("cell", as_dict=True)
+    rows = runs.rows(cells=cells)
+    tables = {(cells[0].number,): rows} if len(cells) == 1 else rows.partition_by("cell", as_dict=True)
     for cell in cells:
         own, t_end_s, settled = tables[cell.number,], cell.scenario.run.t_end_s, runs.settled.get(cell.number)
         figures = cell_figures(own, t_end_s)
