@@ -171,7 +171,7 @@ def test_how_far_runs_are_moved_first_does_not_matter(monkeypatch: pytest.Monkey
         return moved(*arguments, until=until)
 
     monkeypatch.setattr(simulated, "moved", noted)
-    simulated._needed_s.clear()
+    simulated._needed_s.cache_clear()
     (whole,) = outcomes_of([scenario], 3, range(20))
     assert ends_s == [[1200.0] * 20]
     (found,) = outcomes_of([scenario], 3, range(20))

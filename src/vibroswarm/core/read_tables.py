@@ -206,7 +206,7 @@ def _natural(name: str) -> list[tuple[int, int, str]]:
 def cells_of(path: Path) -> pl.DataFrame:
     """Return the cells of a file as texts, with ``file``, its path, and ``line``; without rows of blanks."""
     text = text_of(path)
-    before = _PREAMBLE.match(text)[0]  # type: ignore[index]
+    before = _PREAMBLE.match(text)[0]  # type: ignore[index]  # it matches always, if only nothing
     body = text[len(before) :]
     head = body.split("\n", 1)[0]
     separator = max(",;\t", key=head.count)

@@ -12,6 +12,7 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -50,8 +51,6 @@ AGAIN: Final = 1.3
 """What a run costs that is simulated again, with its replay, in runs."""
 MANY: Final = 100
 """Number of earlier runs that tell how long the next ones take."""
-_needed_s: dict[Any, list[float]] = {}
-"""Up to when motion was needed in the last runs, s, by its settings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +194,12 @@ def outcomes_of(
     return [by_scenario[k] for k in range(len(scenarios))]
 
 
+@lru_cache(maxsize=16)
+def _needed_s(of_motion: Any) -> list[float]:
+    """Return up to when motion was needed in the last runs with these settings, s: a list that callers extend."""
+    return []
+
+
 def _simulated_together(
     scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str
 ) -> list[Outcomes]:
@@ -205,7 +210,7 @@ def _simulated_together(
     first, t_end_s = scenarios[0], scenarios[0].run.t_end_s
     courses = [_Course(scenario, seed, runs) for scenario in scenarios]
     moves, is_steered = any(map(needs_moves, scenarios)), steers(first)
-    before = _needed_s.setdefault(tuple(getattr(first, section) for section in OF_MOTION), [])
+    before = _needed_s(tuple(getattr(first, section) for section in OF_MOTION))
     until_s = t_end_s if is_steered else _cheapest_s(before, t_end_s)
     left = np.argsort(runs)  # indices of runs, in the order that tables have
     while left.size:

@@ -244,7 +244,7 @@ class Runs(NotebookView):
         is_grid = bool(self.varied) and not (keys.duplicated().any() or keys.isna().to_numpy().any())
         texts = frame.astype(dict.fromkeys(frame.select_dtypes("category"), str))
         index = [*(self.varied if is_grid else ["cell"]), *further]
-        return texts.set_index(index).to_xarray()  # type: ignore[no-any-return]
+        return texts.set_index(index).to_xarray()  # type: ignore[no-any-return]  # xarray adds this method to pandas
 
     @cached_property
     def cell_table(self) -> pl.DataFrame:

@@ -147,7 +147,7 @@ def _interruption(fit: Fit) -> Fit:
     limit_s = fit.scenario.sample.sample_interval_ms / 1000.0 + 0.06  # with a margin of three ticks of 20 ms
     avoided = fit.found.samples.filter(pl.col("avoid_s") > ROUNDING_S).group_by("run", "robot")
     beyond = avoided.agg((pl.col("avoid_s") > limit_s).mean())["avoid_s"].mean() or 0.0
-    return fit.with_fields({"sample.interrupts_avoidance": beyond < 0.02})  # type: ignore[operator]
+    return fit.with_fields({"sample.interrupts_avoidance": beyond < 0.02})  # type: ignore[operator]  # to polars a mean may be of dates
 
 
 def _rays(fit: Fit) -> Fit:

@@ -303,7 +303,7 @@ def _laws(table: pl.DataFrame, robots: pl.DataFrame, draws: int) -> tuple[dict[s
     """Return the estimates by name, of all rows of the table, and draws of their law for ``robots``, (draws,) each."""
     means = drawn_means(robots["within_m_s"].to_numpy() ** 2, evenly_drawn(draws, _SEED, "within_m_s"))
     drawn: dict[str, Any] = {"within_m_s": np.sqrt(np.maximum(means, 0.0))}
-    values: dict[str, Any] = {"within_m_s": math.sqrt((table["within_m_s"] ** 2).mean())}  # type: ignore[arg-type]
+    values: dict[str, Any] = {"within_m_s": math.sqrt((table["within_m_s"] ** 2).mean())}  # type: ignore[arg-type]  # to polars a mean may be of dates
     for column, (mean, spread) in LAWS.items():
         own = robots[column].drop_nulls().to_numpy()
         if own.size < 2:
@@ -393,7 +393,7 @@ def _bend_between_sessions(matched: pl.DataFrame, values: dict[str, Any]) -> flo
     # Slow variation: it has a new, independent value every DRIFT_SAMPLES samples, and is linear between these values.
     # Values on the lines have 2 / 3 of the variance of the independent values, hence 1.5.
     of_drift = 1.5 * within * slow * DRIFT_SAMPLES / samples
-    return math.sqrt(max(float(variance) - of_median - of_drift, 0.0))  # type: ignore[arg-type]
+    return math.sqrt(max(float(variance) - of_median - of_drift, 0.0))  # type: ignore[arg-type]  # to polars a mean may be of dates
 
 
 def _distance_ratio(found: Dataset, table: pl.DataFrame, base: Scenario) -> float:
@@ -411,6 +411,6 @@ def _distance_ratio(found: Dataset, table: pl.DataFrame, base: Scenario) -> floa
     # Half the angle of the arc, of which the distance is the chord.
     half = np.arcsin(np.clip(np.abs(bend) * chord / 2.0, 1e-9, 1.0))
     arcs = chord * half / np.sin(half)
-    speed_m_s = float(table["speed_m_s"].mean())  # type: ignore[arg-type]
+    speed_m_s = float(table["speed_m_s"].mean())  # type: ignore[arg-type]  # to polars a mean may be of dates
     ratio = float(arcs.mean()) / (speed_m_s * timed_drive_ms(base) / 1000.0)
     return ratio if 0.8 < ratio < 1.25 else 1.0

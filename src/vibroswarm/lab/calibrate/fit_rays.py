@@ -72,7 +72,7 @@ def fit_rays(found: Dataset, base: Scenario) -> dict[str, object]:
     """
     paths = paths_of(found)
     robot, distance_m, incidence_rad = approaches_of(paths, found, base)
-    robots = int(found.samples["robot"].max() or 0) + 1  # type: ignore[arg-type]
+    robots = int(found.samples["robot"].max() or 0) + 1  # type: ignore[arg-type]  # to polars these may be of dates
     fields: dict[str, object] = {"rays.forward_each_m": None}
     if np.bincount(robot, minlength=robots).min() >= 20:
 
@@ -162,7 +162,7 @@ def approaches_of(paths: Sequence[Path], found: Dataset, base: Scenario) -> tupl
     # it; 5 degrees more allow for errors of courses.
     near = (distance < 0.2) & (np.abs(incidence) < np.radians(95.0))
     # A ray is read once a control period: robots drive on for half of one, in the mean, before they turn.
-    speed_m_s = float(found.drives["speed_m_s"].mean() or 0.0)  # type: ignore[arg-type]
+    speed_m_s = float(found.drives["speed_m_s"].mean() or 0.0)  # type: ignore[arg-type]  # to polars these may be of dates
     late_m = 0.5 * speed_m_s * base.run.control_period_ms / 1000.0 * np.cos(incidence)
     return robot[near].astype(np.int64), (distance + late_m)[near], incidence[near]
 

@@ -172,7 +172,7 @@ def computed(log: Log, path: Path, program: SenseProgram) -> Computed:
     )
     if samples["energy"].count():
         largest = (samples["energy"] - pl.Series(energies)).abs().max()
-        words += f"; they differ from the log's by up to {number(largest, digits=3)}"  # type: ignore[arg-type]
+        words += f"; they differ from the log's by up to {number(largest, digits=3)}"  # type: ignore[arg-type]  # to polars a maximum may be of dates
     if not gravity.is_there:
         words += f"; gravity is not in the readings: computed from a{'xyz'[axis]}, which is shaken most"
     elif gravity.unit != "m/s2":

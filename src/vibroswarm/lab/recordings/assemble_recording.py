@@ -152,7 +152,7 @@ def _described(
 
 def _end_of(log: Log) -> float:
     """Return the time of the last row of a log, s."""
-    return max(float(frame["time_s"].max() or 0.0) for frame in (log.samples, log.tracks))  # type: ignore[arg-type]
+    return max(float(frame["time_s"].max() or 0.0) for frame in (log.samples, log.tracks))  # type: ignore[arg-type]  # to polars a maximum may be of dates
 
 
 def _session(
@@ -196,7 +196,7 @@ def _session(
     counts = {
         "samples_lost": int(frame["lost_before"].sum()),
         "tracking_gaps": gaps_s.len(),
-        "tracking_gap_longest_s": round(float(gaps_s.max() or 0.0), 6),  # type: ignore[arg-type]
+        "tracking_gap_longest_s": round(float(gaps_s.max() or 0.0), 6),  # type: ignore[arg-type]  # to polars a maximum may be of dates
         "off_the_floor": int((observations["tile"] < 0).sum()),
         "rows_apart_s": round(apart_s, 6) if apart_s > APART_S else 0.0,
     }

@@ -214,7 +214,7 @@ def _stops_of(rows: pl.DataFrame, stop_s: float | None) -> list[pl.DataFrame]:
     if "sample" in rows.columns:
         return rows.partition_by("sample", maintain_order=True)
     steps = rows["time_s"].diff()
-    is_pause = (steps > WIDEST_GAP * (steps.median() or 0.0)).fill_null(False)  # type: ignore[operator]
+    is_pause = (steps > WIDEST_GAP * (steps.median() or 0.0)).fill_null(False)  # type: ignore[operator]  # to polars a median may be of dates
     rows = rows.with_columns(stretch=is_pause.cum_sum())
     since_s = pl.col("time_s") - pl.col("time_s").first().over("stretch")
     rows = rows.with_columns(piece=(since_s / (stop_s or np.inf) + 1e-9).floor())

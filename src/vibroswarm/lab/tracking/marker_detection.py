@@ -202,7 +202,7 @@ class _Search:
         if places:
             now = places[0] if last is None else _nearest_to(last[0], places)
             was_seen = last is not None and k > 0 and self.places[i][k - 1]
-            self._last[i] = now, (now - last[0]).mean(axis=0) if was_seen else np.zeros(2)  # type: ignore[index]
+            self._last[i] = now, (now - last[0]).mean(axis=0) if was_seen else np.zeros(2)  # type: ignore[index]  # None only if it was not seen
         elif last is not None:
             self._last[i] = last[0], np.zeros(2)
 
