@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import vibroswarm.scenario.presets
-from vibroswarm.lab.calibrate.dataset import dataset_of
-from vibroswarm.lab.calibrate.fit import FITS, avoidance, fit
+from vibroswarm.calibrate.dataset import dataset_of
+from vibroswarm.calibrate.fit import FITS, avoidance, fit
 from vibroswarm.paper.columns import REAL, read_recordings
 from vibroswarm.scenario.scenario import Scenario, preset
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from vibroswarm import Floor, preset
 from vibroswarm.floors import read_tiles
-from vibroswarm.lab.recordings.assemble_recording import recording_of
-from vibroswarm.lab.recordings.read import read_log
-from vibroswarm.lab.recordings.replay import logged_outcomes, replay_recording, session_outcomes
-from vibroswarm.lab.recordings.threshold import find_threshold
+from vibroswarm.lab.replay import logged_outcomes, replay_recording, session_outcomes
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.read import read_log
+from vibroswarm.recordings.threshold import find_threshold
 
 
 def main(draws: int) -> None:

@@ -9,9 +9,9 @@ import polars as pl
 import pytest
 
 from vibroswarm.floors.floor import Floor
-from vibroswarm.lab.recordings.assemble_recording import recording_of
-from vibroswarm.lab.recordings.read import read_log
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.read import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.statistics.sampling import packet_loss

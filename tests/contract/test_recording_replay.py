@@ -10,14 +10,14 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from vibroswarm.floors.floor import Floor
-from vibroswarm.lab.recordings.assemble_recording import recording_of
-from vibroswarm.lab.recordings.read import read_log
-from vibroswarm.lab.recordings.recording import Recording
-from vibroswarm.lab.recordings.replay import (
+from vibroswarm.lab.replay import (
     replay_recording,
     replay_strategies,
     with_beliefs,
 )
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.read import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate

@@ -9,12 +9,12 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
+from vibroswarm.calibrate.compare import camera_between, compare
 from vibroswarm.floors.floor import Floor
-from vibroswarm.lab.calibrate.camera import RIGHT, Camera, seen_through
-from vibroswarm.lab.calibrate.compare import camera_between, compare
-from vibroswarm.lab.recordings.assemble_recording import recording_of
-from vibroswarm.lab.recordings.read import read_log
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.read import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from scipy.spatial.distance import cdist
 
-from vibroswarm.lab.calibrate.compare import (
+from vibroswarm.calibrate.compare import (
     at_equal_counts,
     ceiling,
     compare_feature,
@@ -19,7 +19,7 @@ from vibroswarm.lab.calibrate.compare import (
     null_similarity,
     recognised,
 )
-from vibroswarm.lab.calibrate.samples import (
+from vibroswarm.calibrate.samples import (
     FEATURES,
     by_session,
     histogram,

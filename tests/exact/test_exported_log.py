@@ -24,9 +24,9 @@ from helpers.exported_robots import (
 from vibroswarm import Floor, preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.export.c_program import LOG_COLUMNS
-from vibroswarm.lab.recordings.read import CAMERA_COLUMNS
-from vibroswarm.lab.recordings.recording import Recording
-from vibroswarm.lab.recordings.replay import replay_recording, with_beliefs
+from vibroswarm.lab.replay import replay_recording, with_beliefs
+from vibroswarm.recordings.read import CAMERA_COLUMNS
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.robot.sensing import SenseProgram, begin_sense, energy, sense_step
 
 SEED, READINGS = 4, 175

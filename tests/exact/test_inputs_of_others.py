@@ -13,15 +13,15 @@ import pytest
 
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.inspection import inspect
-from vibroswarm.lab.recordings.acceleration import computed
-from vibroswarm.lab.recordings.assemble_recording import recording_of
-from vibroswarm.lab.recordings.floor_fit import floor_fits, turned
-from vibroswarm.lab.recordings.read import read_log
-from vibroswarm.lab.recordings.spectrum import spectra_of
+from vibroswarm.lab.acceleration import computed
+from vibroswarm.lab.spectrum import spectra_of
 from vibroswarm.lab.tracking.camera import fit_camera, outwards
 from vibroswarm.lab.tracking.marker_detection import has_rim
 from vibroswarm.lab.tracking.markers import corners_at, dictionary_of, usual_markers
 from vibroswarm.lab.tracking.track import track
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.floor_fit import floor_fits, turned
+from vibroswarm.recordings.read import read_log
 from vibroswarm.robot.sensing import SenseProgram
 from vibroswarm.scenario.scenario import preset
 

@@ -19,7 +19,7 @@ from helpers.plain_program import plain_program
 from vibroswarm import preset
 from vibroswarm.cli import main
 from vibroswarm.export.assembly import parts_of
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.robot.walk import DRIVE, STOP
 
 SHIPPED = Path(__file__).parents[2] / "examples" / "lab"

@@ -9,10 +9,10 @@ import pytest
 from scipy import optimize, stats
 
 from vibroswarm.floors.floor import Floor
-from vibroswarm.lab.recordings.assemble_recording import recording_of
-from vibroswarm.lab.recordings.read import read_log
-from vibroswarm.lab.recordings.recording import Recording
-from vibroswarm.lab.recordings.threshold import (
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.read import read_log
+from vibroswarm.recordings.recording import Recording
+from vibroswarm.recordings.threshold import (
     Labelled,
     at_threshold,
     edge_distance,

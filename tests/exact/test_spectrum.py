@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.lab.recordings.spectrum import spectra_of
+from vibroswarm.lab.spectrum import spectra_of
 
 RATE_HZ = 350.0
 

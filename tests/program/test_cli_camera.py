@@ -15,10 +15,10 @@ from helpers.rehearsal import write_rehearsal
 from helpers.scene import Look
 from vibroswarm import preset, simulate
 from vibroswarm.cli import lab_track
-from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.lab.tracking.camera import square_of
 from vibroswarm.lab.tracking.markers import read_markers, usual_markers
 from vibroswarm.lab.tracking.track import Tracking, track
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 
 pytest.importorskip("cv2")

@@ -9,8 +9,8 @@ import pytest
 
 from helpers.commands import json_of
 from vibroswarm.cli import main
-from vibroswarm.lab.recordings.read import read_log
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.recordings.read import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.paper.columns import AUTHORS, REAL, read_recordings
+from vibroswarm.recordings.recording import Recording
 
 
 @pytest.fixture(scope="session")

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import pytest
 
-from vibroswarm.lab.calibrate.compare import Comparison, compare
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.calibrate.compare import Comparison, compare
+from vibroswarm.recordings.recording import Recording
 
 pytest.importorskip("sklearn", reason="scikit-learn is not installed: pip install 'vibroswarm[lab]'")
 

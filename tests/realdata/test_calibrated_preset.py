@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vibroswarm.lab.calibrate.compare import compare
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.calibrate.compare import compare
 from vibroswarm.paper.columns import AUTHORS, EMPIRICAL, read_recordings, real_floor, scenario_of
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 

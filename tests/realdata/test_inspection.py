@@ -12,6 +12,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from vibroswarm.calibrate.dataset import dataset_of
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.checks import law_checks
 from vibroswarm.inspection.inspection import Inspection, inspect
@@ -19,8 +20,7 @@ from vibroswarm.inspection.laws import law_named, law_of_sessions, write_law
 from vibroswarm.inspection.samples import Doubt, ratios_of_values
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
-from vibroswarm.lab.calibrate.dataset import dataset_of
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.statistics.map_figures import map_scores
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ from __future__ import annotations
 import polars as pl
 import pytest
 
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.recordings.recording import Recording
 
 
 def test_all_is_read_and_told(real: Recording) -> None:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import pytest
 
-from vibroswarm.lab.recordings.recording import Recording
-from vibroswarm.lab.recordings.replay import logged_outcomes, replay_recording, session_outcomes
+from vibroswarm.lab.replay import logged_outcomes, replay_recording, session_outcomes
+from vibroswarm.recordings.recording import Recording
 
 DECIDED = {"decision.gate": "own", "decision.min_observations": 84, "strategy.name": "positive"}
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import pytest
 
-from vibroswarm.lab.recordings.recording import Recording
-from vibroswarm.lab.recordings.threshold import at_threshold, find_threshold
+from vibroswarm.recordings.recording import Recording
+from vibroswarm.recordings.threshold import at_threshold, find_threshold
 
 
 def test_error_rates_at_the_simulators_threshold(real: Recording) -> None:

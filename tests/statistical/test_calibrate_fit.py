@@ -10,19 +10,19 @@ import polars as pl
 import pytest
 from scipy.stats import binom
 
-from vibroswarm.floors.floor import Floor
-from vibroswarm.lab.calibrate import fit as fit_module
-from vibroswarm.lab.calibrate.camera import RIGHT, Camera, fit_camera, seen_through
-from vibroswarm.lab.calibrate.dataset import Dataset, dataset_of
-from vibroswarm.lab.calibrate.few_groups import drawn_means, drawn_variances, limits_of, limits_of_bootstrap
-from vibroswarm.lab.calibrate.fit_avoidance import (
+from vibroswarm.calibrate import fit as fit_module
+from vibroswarm.calibrate.camera import RIGHT, Camera, fit_camera, seen_through
+from vibroswarm.calibrate.dataset import Dataset, dataset_of
+from vibroswarm.calibrate.few_groups import drawn_means, drawn_variances, limits_of, limits_of_bootstrap
+from vibroswarm.calibrate.fit_avoidance import (
     PRIOR,
     SUMMARIES,
     posterior,
 )
-from vibroswarm.lab.calibrate.fit_drive import _slow_share, course_of, fit_drive, line_of
-from vibroswarm.lab.calibrate.fit_rays import fit_rays
-from vibroswarm.lab.calibrate.fit_sensor import DRAWS, SCALED, SPREADS, _Between, fit_sensor
+from vibroswarm.calibrate.fit_drive import _slow_share, course_of, fit_drive, line_of
+from vibroswarm.calibrate.fit_rays import fit_rays
+from vibroswarm.calibrate.fit_sensor import DRAWS, SCALED, SPREADS, _Between, fit_sensor
+from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate

@@ -14,6 +14,7 @@ from scipy.stats import binom
 
 from helpers.inspections import drawn_samples
 from vibroswarm import preset, simulate
+from vibroswarm.calibrate.dataset import dataset_of
 from vibroswarm.inspection.assessment import Question, risk_curve, statistic_for
 from vibroswarm.inspection.checks import law_checks
 from vibroswarm.inspection.damage import drawn_parts, drawn_values, ratios_at, squares_at
@@ -24,7 +25,6 @@ from vibroswarm.inspection.samples import Law, Samples, ratios_of_values
 from vibroswarm.inspection.scan import drawn_statistics, p_value, region_of
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
-from vibroswarm.lab.calibrate.dataset import dataset_of
 from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.statistics.map_figures import calibration, map_scores
 

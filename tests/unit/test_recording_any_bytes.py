@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.lab.recordings.assemble_recording import recording_of
-from vibroswarm.lab.recordings.read import read_log
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.read import read_log
 from vibroswarm.scenario.scenario import preset
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from helpers.recordings import write_log
-from vibroswarm.lab.recordings.infer import infer_settings
-from vibroswarm.lab.recordings.read import read_log
+from vibroswarm.recordings.infer import infer_settings
+from vibroswarm.recordings.read import read_log
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 

@@ -30,8 +30,8 @@ def compare(
     examples:
       vibroswarm calibrate compare lab simulated --json
     """
-    from vibroswarm.lab.calibrate.compare import compare
-    from vibroswarm.lab.recordings.recording import read_result
+    from vibroswarm.calibrate.compare import compare
+    from vibroswarm.recordings.recording import read_result
 
     claim(output, "calibrate compare", str(real), str(simulated))
     results = read_result(real), read_result(simulated)
@@ -62,11 +62,11 @@ def fit(
       vibroswarm calibrate fit lab --out mine.toml
       vibroswarm calibrate fit lab --folds
     """
-    from vibroswarm.lab.calibrate.dataset import dataset_of
-    from vibroswarm.lab.calibrate.fit import contradictions
-    from vibroswarm.lab.calibrate.fit import fit as fitted_to
-    from vibroswarm.lab.calibrate.fit import folds as validated
-    from vibroswarm.lab.recordings.recording import read_result
+    from vibroswarm.calibrate.dataset import dataset_of
+    from vibroswarm.calibrate.fit import contradictions
+    from vibroswarm.calibrate.fit import fit as fitted_to
+    from vibroswarm.calibrate.fit import folds as validated
+    from vibroswarm.recordings.recording import read_result
 
     refuse(out is None and force, "--force", "has no effect without --out FILE")
     if out is not None and not force:

@@ -18,7 +18,7 @@ from vibroswarm.core.atomic_io import check_free, write_file
 from vibroswarm.errors import check_choice, named
 
 if TYPE_CHECKING:
-    from vibroswarm.lab.recordings.read import Log
+    from vibroswarm.recordings.read import Log
     from vibroswarm.scenario.scenario import Scenario
 
 Folder = Annotated[Path, Option("folder of a recording (lab import)", "DIR")]
@@ -48,7 +48,7 @@ def import_logs(
       vibroswarm lab import camera.csv --columns columns.toml --floor world.txt --tiles 5x5 --out lab
       vibroswarm lab import tracked-1 tracked-2 --floor world.txt --tiles 5x5 --out lab
     """
-    from vibroswarm.lab.recordings.assemble_recording import recording_of
+    from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.report.recording import of_import, write_pages
     from vibroswarm.study.options import check_one_floor, stated_fields
 
@@ -72,8 +72,8 @@ def _logs_of(
     scenario: Scenario,
 ) -> tuple[list[Log], list[str], list[bytes]]:
     from vibroswarm.core.read_tables import files_of
-    from vibroswarm.lab.recordings.acceleration import with_energies
-    from vibroswarm.lab.recordings.read import CAMERA_LOG, read_log
+    from vibroswarm.lab.acceleration import with_energies
+    from vibroswarm.recordings.read import CAMERA_LOG, read_log
 
     logs, computed = with_energies([read_log(path, columns) for path in paths], scenario, acceleration)
     files = [file for path in paths for file in files_of(path, CAMERA_LOG)]
@@ -96,7 +96,7 @@ def export(
     force: Force = False,
 ) -> None:
     """Write the tables of a result (run --out) or recording as CSV."""
-    from vibroswarm.lab.recordings.recording import read_result, write_csv
+    from vibroswarm.recordings.recording import read_result, write_csv
 
     write_csv(read_result(folder), out, replace=force)
     print_saved_file(out)
@@ -141,8 +141,8 @@ def replay(
       vibroswarm lab replay day2 --strategy places --laws day1.toml --set strategy.places.edge_reach_m=0.01
     """
     from vibroswarm.inspection.laws import law_named, with_law
-    from vibroswarm.lab.recordings.recording import Recording
-    from vibroswarm.lab.recordings.replay import replay_strategies
+    from vibroswarm.lab.replay import replay_strategies
+    from vibroswarm.recordings.recording import Recording
     from vibroswarm.scenario.scenario import parse_settings
     from vibroswarm.study.options import chosen
 
@@ -184,8 +184,8 @@ def threshold(
       vibroswarm lab threshold lab --law law.toml       then: vibroswarm inspect other --laws law.toml
     """
     from vibroswarm.inspection.laws import law_of_recordings, law_table, write_law
-    from vibroswarm.lab.recordings.recording import Recording
-    from vibroswarm.lab.recordings.threshold import recommend
+    from vibroswarm.recordings.recording import Recording
+    from vibroswarm.recordings.threshold import recommend
 
     refuse(law and law == out, "--law", "is also the file of --out; the law's scenario has the threshold too")
     for path in (out, law):
@@ -249,7 +249,7 @@ def spectrum(
       vibroswarm lab spectrum acceleration.csv --axis z --by tile --out spectrum
     """
     from vibroswarm.floors.io import parse_tiles
-    from vibroswarm.lab.recordings.spectrum import Group, spectra_frame, spectra_of
+    from vibroswarm.lab.spectrum import Group, spectra_frame, spectra_of
 
     groups = tuple(part.strip() for part in by.split(",") if part.strip())
     for group in groups:

@@ -93,10 +93,10 @@ def track(
       vibroswarm lab track day1.mp4 --markers markers.toml --lens chessboard.mp4 --log day1.csv \\
           --floor world.txt --tiles 5x5 --out tracked
     """
-    from vibroswarm.lab.recordings.assemble_recording import recording_of
-    from vibroswarm.lab.recordings.read import camera_frame
     from vibroswarm.lab.tracking import opencv
     from vibroswarm.lab.tracking.track import with_positions
+    from vibroswarm.recordings.assemble_recording import recording_of
+    from vibroswarm.recordings.read import camera_frame
     from vibroswarm.study.options import stated_fields
 
     opencv()  # raises an error before any work if the package is not installed

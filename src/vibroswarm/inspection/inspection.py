@@ -27,7 +27,7 @@ from vibroswarm.inspection.samples import Floats, Law, Samples
 from vibroswarm.inspection.scan import REPLICATES
 from vibroswarm.inspection.sources import Origin, samples_of_csv, samples_of_result
 from vibroswarm.inspection.tile_map import any_but_still, kind_map, tile_map
-from vibroswarm.lab.recordings.recording import Recording, read_result
+from vibroswarm.recordings.recording import Recording, read_result
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate

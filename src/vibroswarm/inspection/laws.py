@@ -24,16 +24,16 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.calibrate.camera import RIGHT, Camera, corrected, corrected_sessions, fit_camera
+from vibroswarm.calibrate.dataset import Dataset, dataset_of
+from vibroswarm.calibrate.few_groups import limits_of
+from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.core.atomic_io import write_file
 from vibroswarm.errors import InputError, in_file
 from vibroswarm.inspection.samples import FEWEST, Doubt, Draw, Floats, Law, session_hash
-from vibroswarm.lab.calibrate.camera import RIGHT, Camera, corrected, corrected_sessions, fit_camera
-from vibroswarm.lab.calibrate.dataset import Dataset, dataset_of
-from vibroswarm.lab.calibrate.few_groups import limits_of
-from vibroswarm.lab.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
-from vibroswarm.lab.recordings.recording import Recording
-from vibroswarm.lab.recordings.threshold import robot_clusters
 from vibroswarm.observation.decision_boundary import grid_of
+from vibroswarm.recordings.recording import Recording
+from vibroswarm.recordings.threshold import robot_clusters
 from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import preset_names

@@ -11,10 +11,10 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, Place
-from vibroswarm.lab.calibrate.camera import RIGHT, Camera
 from vibroswarm.observation.energy_model import (
     log_ratios_of_bits,
     log_ratios_of_classes,

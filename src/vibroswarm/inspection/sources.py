@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 from scipy.special import ndtr
 
+from vibroswarm.calibrate.camera import corrected
 from vibroswarm.core.read_tables import Use, read_rows
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -24,9 +25,8 @@ from vibroswarm.inspection.samples import (
     ratios_of_values,
     session_hash,
 )
-from vibroswarm.lab.calibrate.camera import corrected
-from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.observation.energy_model import energy_of
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.disturbance_fields import failing_sensors
 

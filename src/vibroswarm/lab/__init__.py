@@ -1,1 +1,1 @@
-"""The laboratory: recordings of robots, videos of them, and scenarios fitted to them."""
+"""The laboratory: robots in videos, recordings replayed under other strategies, spectra of what they measured."""

@@ -15,10 +15,10 @@ from typing import Any, Final
 from vibroswarm.errors import InputError
 from vibroswarm.floors import read_tiles
 from vibroswarm.floors.floor import Floor
-from vibroswarm.lab.recordings.assemble_recording import recording_of
-from vibroswarm.lab.recordings.read import read_log
-from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.networks.loss import MOST
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.read import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.scenario.scenario import Scenario, preset
 
 FIELDS: Final = {

@@ -8,12 +8,12 @@ from functools import partial
 
 import polars as pl
 
+from vibroswarm.calibrate.camera import seen_through
+from vibroswarm.calibrate.compare import STRETCH, Comparison
+from vibroswarm.calibrate.fit import Fit, Fold
+from vibroswarm.calibrate.histograms import draw_histograms, histograms_of
+from vibroswarm.calibrate.samples import FEATURES, WORDS
 from vibroswarm.core.numbers import count, listed, number, percent
-from vibroswarm.lab.calibrate.camera import seen_through
-from vibroswarm.lab.calibrate.compare import STRETCH, Comparison
-from vibroswarm.lab.calibrate.fit import Fit, Fold
-from vibroswarm.lab.calibrate.histograms import draw_histograms, histograms_of
-from vibroswarm.lab.calibrate.samples import FEATURES, WORDS
 from vibroswarm.plots.picture import Picture
 from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.result import Result

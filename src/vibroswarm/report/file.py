@@ -60,7 +60,7 @@ def _of_folder(folder: Path) -> Report:
 
         return report(Study.open(folder)[1])
     if kind in ("result", "recording"):
-        from vibroswarm.lab.recordings.recording import read_result
+        from vibroswarm.recordings.recording import read_result
 
         return report(read_result(folder))
     raise InputError("holds no results of a command that has ended", field=str(folder))

@@ -11,9 +11,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.core.numbers import Estimate, count, listed, number, percent, stated, with_limits
-from vibroswarm.lab.recordings.assemble_recording import COUNTED
-from vibroswarm.lab.recordings.recording import Recording
-from vibroswarm.lab.recordings.replay import (
+from vibroswarm.lab.replay import (
     Replays,
     SessionOutcome,
     logged_outcomes,
@@ -21,10 +19,12 @@ from vibroswarm.lab.recordings.replay import (
     shares_lost,
     with_beliefs,
 )
-from vibroswarm.lab.recordings.spectrum import Spectra, Spectrum, spectra_frame
-from vibroswarm.lab.recordings.threshold import Recommendation
+from vibroswarm.lab.spectrum import Spectra, Spectrum, spectra_frame
 from vibroswarm.plots.curves import draw_spectrum
 from vibroswarm.plots.picture import Picture
+from vibroswarm.recordings.assemble_recording import COUNTED
+from vibroswarm.recordings.recording import Recording
+from vibroswarm.recordings.threshold import Recommendation
 from vibroswarm.report.report import Figure, Report, Table, report
 from vibroswarm.run_page.write import write_run_page
 from vibroswarm.scenario.scenario import Scenario

@@ -86,14 +86,14 @@ KINDS: Final = {
     "vibroswarm.search.searched": "search",
     "vibroswarm.league.play": "league",
     "vibroswarm.inspection.inspection": "inspection",
-    "vibroswarm.lab.calibrate.compare": "calibration",
-    "vibroswarm.lab.calibrate.fit": "calibration",
+    "vibroswarm.calibrate.compare": "calibration",
+    "vibroswarm.calibrate.fit": "calibration",
     "vibroswarm.lab.tracking.track": "tracking",
     "vibroswarm.paper.reproduce": "reproduction",
     "vibroswarm.export.c_library": "export",
-    "vibroswarm.lab.recordings.replay": "recording",
-    "vibroswarm.lab.recordings.spectrum": "recording",
-    "vibroswarm.lab.recordings.threshold": "recording",
+    "vibroswarm.lab.replay": "recording",
+    "vibroswarm.lab.spectrum": "recording",
+    "vibroswarm.recordings.threshold": "recording",
 }
 """Module of a kind of report, by that of the result's class; it is imported when the first of its reports is made."""
 

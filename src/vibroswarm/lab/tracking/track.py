@@ -19,11 +19,11 @@ from vibroswarm.core.arrays import Bools, Floats
 from vibroswarm.core.numbers import number, stated
 from vibroswarm.core.read_tables import files_of, read_rows
 from vibroswarm.errors import InputError
-from vibroswarm.lab.recordings.read import SAMPLES, TRACKS, Log, log_frame
 from vibroswarm.lab.tracking.camera import Camera, Lens, fit_camera, outwards, square_of
 from vibroswarm.lab.tracking.marker_detection import Detections, detect
 from vibroswarm.lab.tracking.markers import Markers
 from vibroswarm.lab.tracking.stops import STOPS, ClockOffset, clock_offset, stops_of
+from vibroswarm.recordings.read import SAMPLES, TRACKS, Log, log_frame
 
 POSITIONS: Final = {
     "robot": pl.Int64, "time_s": pl.Float64, "x_m": pl.Float64, "y_m": pl.Float64, "heading_rad": pl.Float64,

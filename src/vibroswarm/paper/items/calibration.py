@@ -13,11 +13,11 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.calibrate.camera import seen_through
+from vibroswarm.calibrate.compare import Comparison, camera_between, compare, null_similarity, similarity
+from vibroswarm.calibrate.histograms import draw_histograms, histograms_of
+from vibroswarm.calibrate.samples import FEATURES, WORDS, by_session, values_of
 from vibroswarm.core.numbers import number, stated
-from vibroswarm.lab.calibrate.camera import seen_through
-from vibroswarm.lab.calibrate.compare import Comparison, camera_between, compare, null_similarity, similarity
-from vibroswarm.lab.calibrate.histograms import draw_histograms, histograms_of
-from vibroswarm.lab.calibrate.samples import FEATURES, WORDS, by_session, values_of
 from vibroswarm.paper.claims import all_claims, constant, mean, state
 from vibroswarm.paper.columns import (
     AUTHORS,

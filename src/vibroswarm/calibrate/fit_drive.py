@@ -43,11 +43,11 @@ import numpy as np
 import polars as pl
 from scipy.optimize import linear_sum_assignment
 
+from vibroswarm.calibrate.dataset import CALM_S, LEAST_M, Dataset, calm_intervals
+from vibroswarm.calibrate.few_groups import drawn_means, drawn_variances, evenly_drawn
+from vibroswarm.calibrate.samples import ROUNDING_S
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.errors import InputError
-from vibroswarm.lab.calibrate.dataset import CALM_S, LEAST_M, Dataset, calm_intervals
-from vibroswarm.lab.calibrate.few_groups import drawn_means, drawn_variances, evenly_drawn
-from vibroswarm.lab.calibrate.samples import ROUNDING_S
 from vibroswarm.motion.robot_params import DRIFT_SAMPLES
 from vibroswarm.scenario.scenario import Scenario
 

@@ -29,12 +29,8 @@ from scipy.spatial.distance import cdist
 from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
-from vibroswarm.core.arrays import Floats, wrapped
-from vibroswarm.core.optional_library import needed
-from vibroswarm.core.rng import Purpose, uniforms
-from vibroswarm.errors import InputError
-from vibroswarm.lab.calibrate.camera import RIGHT, Camera, seen_through
-from vibroswarm.lab.calibrate.samples import (
+from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
+from vibroswarm.calibrate.samples import (
     FEATURES,
     ROUNDING_S,
     as_published,
@@ -43,7 +39,11 @@ from vibroswarm.lab.calibrate.samples import (
     shapeless,
     values_of,
 )
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.core.arrays import Floats, wrapped
+from vibroswarm.core.optional_library import needed
+from vibroswarm.core.rng import Purpose, uniforms
+from vibroswarm.errors import InputError
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.statistics.intervals import Interval, bounded_mean, mean_interval, pseudo_values
 

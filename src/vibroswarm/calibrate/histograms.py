@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.calibrate.samples import FEATURES, sample_table, values_of
 from vibroswarm.core.numbers import number
-from vibroswarm.lab.calibrate.samples import FEATURES, sample_table, values_of
 from vibroswarm.plots.layout import legend_below, new_figure, panels_of, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import look, style_named

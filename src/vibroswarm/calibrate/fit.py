@@ -15,20 +15,20 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.calibrate.camera import RIGHT, Camera, corrected_sessions, fit_camera, seen_through
+from vibroswarm.calibrate.compare import at_equal_counts, compare_feature, recognised
+from vibroswarm.calibrate.dataset import Dataset, calm_intervals
+from vibroswarm.calibrate.few_groups import limits_of, limits_of_bootstrap
+from vibroswarm.calibrate.fit_avoidance import CANDIDATES, fields_of, fit_avoidance
+from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
+from vibroswarm.calibrate.fit_rays import fit_rays
+from vibroswarm.calibrate.fit_sensor import DIGITS, FIELDS, SPREADS, fit_sensor
+from vibroswarm.calibrate.samples import FEATURES, ROUNDING_S, by_session, values_of
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import listed
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, rows_of
-from vibroswarm.lab.calibrate.camera import RIGHT, Camera, corrected_sessions, fit_camera, seen_through
-from vibroswarm.lab.calibrate.compare import at_equal_counts, compare_feature, recognised
-from vibroswarm.lab.calibrate.dataset import Dataset, calm_intervals
-from vibroswarm.lab.calibrate.few_groups import limits_of, limits_of_bootstrap
-from vibroswarm.lab.calibrate.fit_avoidance import CANDIDATES, fields_of, fit_avoidance
-from vibroswarm.lab.calibrate.fit_drive import fit_drive, timed_drive_ms
-from vibroswarm.lab.calibrate.fit_rays import fit_rays
-from vibroswarm.lab.calibrate.fit_sensor import DIGITS, FIELDS, SPREADS, fit_sensor
-from vibroswarm.lab.calibrate.samples import FEATURES, ROUNDING_S, by_session, values_of
-from vibroswarm.lab.recordings.threshold import robot_clusters
+from vibroswarm.recordings.threshold import robot_clusters
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate

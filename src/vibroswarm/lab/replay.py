@@ -19,9 +19,9 @@ from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, outcome_tables, with_shares
 from vibroswarm.inference.replay import infer
-from vibroswarm.lab.recordings.recording import Recording
 from vibroswarm.motion.motion_tables import Motion
 from vibroswarm.observation.energy_model import model_of, readings_of
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.statistics.sampling import packet_loss

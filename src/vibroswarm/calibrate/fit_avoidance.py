@@ -25,11 +25,11 @@ from typing import Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.calibrate.fit_rays import scaled_angles
+from vibroswarm.calibrate.samples import ROUNDING_S, wall_distance
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.rng import Purpose, uniforms
-from vibroswarm.lab.calibrate.dataset import Dataset
-from vibroswarm.lab.calibrate.fit_rays import scaled_angles
-from vibroswarm.lab.calibrate.samples import ROUNDING_S, wall_distance
 from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.motion_tables import Collected
 from vibroswarm.scenario.scenario import Scenario

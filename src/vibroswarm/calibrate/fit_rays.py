@@ -31,10 +31,10 @@ from typing import Final, NamedTuple
 import numpy as np
 import polars as pl
 
+from vibroswarm.calibrate.dataset import Dataset, track_of
+from vibroswarm.calibrate.samples import ROUNDING_S, wall_distance
 from vibroswarm.core.arrays import Bools, Floats, Ints, wrapped
-from vibroswarm.lab.calibrate.dataset import Dataset, track_of
-from vibroswarm.lab.calibrate.samples import ROUNDING_S, wall_distance
-from vibroswarm.lab.recordings.assemble_recording import STANDING_M
+from vibroswarm.recordings.assemble_recording import STANDING_M
 from vibroswarm.scenario.scenario import Scenario
 
 GRID_DEG: Final = np.arange(5.0, 76.0, 1.0)

@@ -22,11 +22,11 @@ import numpy as np
 import polars as pl
 from scipy.optimize import minimize
 
+from vibroswarm.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
+from vibroswarm.calibrate.fit_sensor import fit_plain, log_likelihoods, unit_of
 from vibroswarm.core.arrays import Floats
 from vibroswarm.core.child_python import with_one_blas_thread
-from vibroswarm.lab.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
-from vibroswarm.lab.calibrate.fit_sensor import fit_plain, log_likelihoods, unit_of
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 

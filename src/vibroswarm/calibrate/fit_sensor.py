@@ -32,12 +32,12 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import gammaincinv, gammaln, ndtr
 
+from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.calibrate.few_groups import drawn_variances, evenly_drawn
 from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.child_python import with_one_blas_thread
 from vibroswarm.errors import InputError
-from vibroswarm.lab.calibrate.dataset import Dataset
-from vibroswarm.lab.calibrate.few_groups import drawn_variances, evenly_drawn
-from vibroswarm.lab.recordings.threshold import cluster_weights, robot_clusters
+from vibroswarm.recordings.threshold import cluster_weights, robot_clusters
 from vibroswarm.statistics.intervals import generator
 
 FIELDS: Final = (

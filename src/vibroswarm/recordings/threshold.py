@@ -18,7 +18,7 @@ from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, refuse_changes, refuse_kinds
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.statistics.decidability import Decidability, decidability_of_share, observed_share
 from vibroswarm.statistics.intervals import Interval, bounded_mean, student_factor
 from vibroswarm.statistics.sampling import effective_samples, effective_with_sensor

@@ -14,13 +14,13 @@ from typing import Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.calibrate.samples import ROUNDING_S, nearest_tile, sample_table
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, refuse_changes
-from vibroswarm.lab.calibrate.samples import ROUNDING_S, nearest_tile, sample_table
-from vibroswarm.lab.recordings.recording import Recording
-from vibroswarm.lab.recordings.threshold import edge_distance
 from vibroswarm.motion.pose import pose
+from vibroswarm.recordings.recording import Recording
+from vibroswarm.recordings.threshold import edge_distance
 from vibroswarm.result import Result
 from vibroswarm.statistics.sampling import packet_loss
 

@@ -200,7 +200,7 @@ def read_log(path: str | Path, columns: str | Path | None = None) -> Log:
 @cache
 def rugbot_map() -> ColumnMap:
     """Return the column map of the study's robots."""
-    path = Path(str(files("vibroswarm.lab.recordings").joinpath("formats/rugbot.toml")))
+    path = Path(str(files("vibroswarm.recordings").joinpath("formats/rugbot.toml")))
     return read_model(ColumnMap, path, "a column map")
 
 

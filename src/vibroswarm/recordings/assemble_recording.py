@@ -18,14 +18,14 @@ from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.outcomes import outcome_tables, with_shares
 from vibroswarm.inference.replay import INFERENCE
-from vibroswarm.lab.recordings.floor_fit import check_floor
-from vibroswarm.lab.recordings.infer import Inferred, infer_settings
-from vibroswarm.lab.recordings.read import SAMPLES, Log, in_schema
-from vibroswarm.lab.recordings.recording import PLACES as TRACKED
-from vibroswarm.lab.recordings.recording import ROWS, Recording
 from vibroswarm.localisation.locate import PLACES
 from vibroswarm.motion.motion_tables import ENDS, MOTION, POSES
 from vibroswarm.observation.observe import OBSERVATIONS
+from vibroswarm.recordings.floor_fit import check_floor
+from vibroswarm.recordings.infer import Inferred, infer_settings
+from vibroswarm.recordings.read import SAMPLES, Log, in_schema
+from vibroswarm.recordings.recording import PLACES as TRACKED
+from vibroswarm.recordings.recording import ROWS, Recording
 from vibroswarm.result import RECORDED, change_frame, floor_frame
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import versions

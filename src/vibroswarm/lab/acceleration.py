@@ -19,8 +19,8 @@ from vibroswarm.core.arrays import Floats
 from vibroswarm.core.numbers import count, number, stated
 from vibroswarm.core.read_tables import ACCELERATIONS, Use, files_of, plain_name, read_rows
 from vibroswarm.errors import InputError
-from vibroswarm.lab.recordings.read import SAMPLES, Log
 from vibroswarm.observation.observe import sense_program
+from vibroswarm.recordings.read import SAMPLES, Log
 from vibroswarm.robot.sensing import SenseProgram, SenseState, energy, readings, sense_step
 from vibroswarm.scenario.scenario import Scenario
 

@@ -19,7 +19,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.arrays import Floats
-from vibroswarm.lab.recordings.read import Log
+from vibroswarm.recordings.read import Log
 
 TICKS_S: Final = 0.04
 """Two ticks of the simulator: undisturbed samples are tau + stop + two ticks apart."""

@@ -30,7 +30,7 @@ from vibroswarm.core.arrays import Bools, Floats, Ints
 from vibroswarm.core.numbers import count, number
 from vibroswarm.core.read_tables import ACCELERATIONS
 from vibroswarm.errors import InputError
-from vibroswarm.lab.recordings.acceleration import (
+from vibroswarm.lab.acceleration import (
     GRAVITY,
     RATE_TOLERANCE,
     WIDEST_GAP,
@@ -40,7 +40,7 @@ from vibroswarm.lab.recordings.acceleration import (
     read_acceleration,
     strongest_axis,
 )
-from vibroswarm.lab.recordings.threshold import resample
+from vibroswarm.recordings.threshold import resample
 from vibroswarm.robot.features import alias_hz
 
 Group = Literal["robot", "tile", "time"]

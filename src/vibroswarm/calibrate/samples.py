@@ -23,7 +23,7 @@ import polars as pl
 from vibroswarm.core.arrays import Floats, Ints
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, refuse_kinds
-from vibroswarm.lab.recordings.recording import Recording
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 
 ROUNDING_S: Final = 1e-9
