@@ -40,8 +40,8 @@ COMPILES: Final = not PLAIN and find_spec("numba") is not None
 PACKAGE: Final = Path(__file__).parents[1]
 """The folder of this package."""
 LAYERS_ABOVE: Final = (
-    "cli", "export", "lab", "league", "paper", "plots", "report", "run_page", "search", "statistics",
-    "study", "testing",
+    "calibrate", "cli", "export", "lab", "league", "paper", "plots", "recordings", "report", "run_page",
+    "search", "statistics", "study", "testing",
 )  # fmt: skip
 """Packages above the simulation: they hold no kernel and change no table of a result."""
 ENGINES: Final = {"event": "engine", "fixed-step": "fixed_step", "mujoco": "wheels_step"}
