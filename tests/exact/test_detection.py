@@ -53,15 +53,13 @@ def cell(times: list[float | None], robots: int = 2, fill: float = 0.4) -> tuple
 
 
 def test_detection_by_hand() -> None:
-    curve = detection_curve([cell([10.0, 20.0, None, 30.0])], 100.0, [15.0, 100.0])
-    assert curve["missed"].to_list() == [0.75, 0.25]
-    assert curve["robots_missed"].to_list() == [0.75, 0.25]
+    curve = detection_curve([cell([10.0, 20.0, None, 30.0])], 100.0)
+    assert curve["horizon_s"].to_list() == pytest.approx([100 * k / 6 for k in range(1, 7)])
+    assert curve["missed"].to_list() == [0.75, *[0.25] * 5]
+    assert curve["robots_missed"].to_list() == [0.75, *[0.25] * 5]
     assert curve["missed_high"][0] == pytest.approx(wilson(3, 4).high)
     assert curve["missed_low"][0] == pytest.approx(wilson(3, 4).low)
     assert curve.select("fill_ratio", "robots", "runs").row(0) == (0.4, 2, 4)
-    assert detection_curve([cell([1.0])], 100.0)["horizon_s"].to_list() == pytest.approx(
-        [100 * k / 6 for k in range(1, 7)]
-    )
 
 
 def test_needed_by_hand() -> None:

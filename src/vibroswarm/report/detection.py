@@ -132,18 +132,13 @@ def _answer(hardest: pl.DataFrame, detection: Detection) -> Iterator[str]:
 
 
 def _figures(detection: Detection) -> Iterator[tuple[str, Figure]]:
-    """Yield misses against the fill ratio: a line a time for each number of robots, and a line a number."""
+    """Yield misses against the fill ratio: a picture for each number of robots, a line for each time."""
     curve = detection.tables["detection"].drop_nulls("missed")
-    sizes = curve["robots"].unique().sort().to_list()
-    for robots in sizes[:MOST_CURVES]:
+    for robots in curve["robots"].unique().sort().to_list()[:MOST_CURVES]:
         times = pl.format("{} s", pl.col("horizon_s").round(0).cast(pl.Int64))
         part = curve.filter(robots=robots).with_columns(series=times)
         title = f"Misses against the fill ratio: {count(robots, 'robot')}"
         yield f"detection_{robots}", Figure(partial(_draw, detection, part), title)
-    if len(sizes) > 1:
-        last = curve.filter(pl.col("horizon_s") == pl.col("horizon_s").max())
-        part = last.with_columns(series=pl.format("{} robots", "robots"))
-        yield "detection_end", Figure(partial(_draw, detection, part), "Misses by robots, at the end")
 
 
 def _draw(detection: Detection, part: pl.DataFrame) -> Picture:

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import polars as pl
 
 from vibroswarm.core.folders import kind_of
-from vibroswarm.core.numbers import count, listed
+from vibroswarm.core.numbers import count
 from vibroswarm.core.tables import read_frame
-from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
 from vibroswarm.report.report import Report, Table, report
 from vibroswarm.report.save import DATA, read
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import versions
 from vibroswarm.study.store import Verified
-
-OF_SEARCH: Final = {"space", "objective", "search"}
-OF_STUDY: Final = {"grid", "zip", "list", "sobol", "runs", "until"}
-"""Entries of files that no scenario has."""
 
 
 @report.register
@@ -40,11 +35,11 @@ def of_scenario(scenario: Scenario) -> Report:
 
 
 def of_path(path: Path) -> Report:
-    """Return the report of what a command has written, or of a file of a scenario, study, search or table."""
+    """Return the report of what a command has written, or of a file of a scenario or table."""
     if path.is_dir():
         return _of_folder(path)
     if path.suffix == ".toml":
-        return _of_toml(path)
+        return report(Scenario.read(path))
     if path.suffix == ".json":
         return read(path)
     frame = pl.read_csv(path) if path.suffix == ".csv" else read_frame(path, path.stem)
@@ -64,25 +59,6 @@ def _of_folder(folder: Path) -> Report:
 
         return report(read_result(folder))
     raise InputError("holds no results of a command that has ended", field=str(folder))
-
-
-def _of_toml(path: Path) -> Report:
-    entries = set(parsed_toml(read_text(path, "a file in TOML"), str(path)))
-    if entries & OF_SEARCH:
-        from vibroswarm.search.spec import Search
-
-        search = Search.read(path)
-        return Report(
-            "Search", (f"Fields: {listed(search.space.names)}.",), {}, made_by={"hash": search.hash}
-        )
-    if entries & OF_STUDY:
-        from vibroswarm.study.spec import Study
-
-        study = Study.read(path)
-        answer = f"{count(len(study.cells), 'cell')}; varied: {listed(study.varied or ['nothing'])}."
-        cells = pl.DataFrame({"cell": [cell.name for cell in study.cells]})
-        return Report(study.name or "Study", (answer,), {"cells": Table(cells)}, made_by={"hash": study.hash})
-    return report(Scenario.read(path))
 
 
 def _text(value: Any) -> str:

@@ -28,6 +28,7 @@ from vibroswarm.statistics.map_figures import floor_maps
 from vibroswarm.statistics.over_time import answers_in, report_headings, reports_over_time
 from vibroswarm.statistics.sampling import blocked_words
 from vibroswarm.statistics.verdict import (
+    COUNTED,
     Verdict,
     answers_of,
     decision_words,
@@ -248,7 +249,9 @@ def _warnings(result: Result, swarm: Verdict, run: int) -> Iterator[str]:
     if blocked := blocked_words(robots["blocked_share"].mean()):  # type: ignore[arg-type]
         yield blocked
     if result.seed is not None and swarm.undecided == len(swarm.robots):
-        yield from filter(None, [gate_unreached(result.scenario, robots)])
+        counted = pl.sum_horizontal(COUNTED[result.scenario.decision.gate][1])
+        most = robots.select(counted.max()).item()
+        yield from filter(None, [gate_unreached(result.scenario, most)])
     if result.scenario.change.is_given and swarm.consensus == "right":
         right = answers_in(result).filter(run=run)["right_at_decision"].item()
         if right is not None and right < 1.0:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache, partial
 from typing import Any, Final
 
 import polars as pl
@@ -24,6 +24,8 @@ from vibroswarm.study.cells import Cell
 from vibroswarm.study.spec import SOURCE
 from vibroswarm.study.summary import CellOutcome, Outcome
 
+INCIDENCE: Final = {"robot": robot_incidence, "swarm": swarm_incidence}
+"""What is drawn over time, by its unit."""
 FEW_CELLS: Final = 4
 """Most cells of curves over time."""
 MOST_CELLS: Final = 24
@@ -146,21 +148,24 @@ def _map(table: pl.DataFrame, labels: Sequence[str], name: str) -> Picture:
 def _over_time(outcome: Outcome) -> Iterator[tuple[str, Figure]]:
     with_truth = [one for one in outcome.cells if one.figures["swarm_right"].n]
     if len(with_truth) <= FEW_CELLS:
-        for unit in ("robot", "swarm"):
-            draw = partial(_incidence, outcome, with_truth, unit)
+        computed = cache(lambda: [_incidences(outcome, one) for one in with_truth])
+        for unit in INCIDENCE:
+            draw = partial(_incidence, computed, with_truth, unit)
             yield f"{unit}s_over_time", Figure(draw, f"Decisions of {unit}s over time")
     if len(outcome.cells) <= MOST_CELLS:
         yield "consensus", Figure(partial(_consensus, outcome), "Consensus time, run by run")
 
 
-def _incidence(outcome: Outcome, cells: Sequence[CellOutcome], unit: str) -> Picture:
-    compute = robot_incidence if unit == "robot" else swarm_incidence
-    frames = [
-        compute(*outcome.runs.tables(one.cell), one.t_end_s).with_columns(series=pl.lit(one.cell.name))
-        for one in cells
-    ]
+def _incidences(outcome: Outcome, one: CellOutcome) -> dict[str, pl.DataFrame]:
+    tables, series = outcome.runs.tables(one.cell), pl.lit(one.cell.name)
+    return {unit: f(*tables, one.t_end_s).with_columns(series=series) for unit, f in INCIDENCE.items()}
+
+
+def _incidence(
+    computed: Callable[[], list[dict[str, pl.DataFrame]]], cells: Sequence[CellOutcome], unit: str
+) -> Picture:
     return draw_incidence(
-        pl.concat(frames),
+        pl.concat(frames[unit] for frames in computed()),
         runs=min(one.runs for one in cells),
         unit="robot" if unit == "robot" else "run",
         t_end=max(one.t_end_s for one in cells),

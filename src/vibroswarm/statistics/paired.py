@@ -30,6 +30,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
+from vibroswarm.inference.outcomes import numbers
 from vibroswarm.statistics.figures import BY_COLUMN, ESTIMATES, FIGURES
 from vibroswarm.statistics.intervals import (
     Interval,
@@ -96,9 +97,12 @@ def compare(
     Args:
         first, second: ``run_figures`` of the two cells, of the same seed; rows with the same run number are a pair.
     """
-    both = first.join(second, on="run", how="inner", suffix="_second").sort("run")
-    in_one_only = first.height + second.height - 2 * both.height  # number of runs that only one cell has
-    compared = [_compare_one(both, figure, in_one_only, level) for figure in figures]
+    both, *rows = np.intersect1d(first["run"], second["run"], assume_unique=True, return_indices=True)
+    in_one_only = first.height + second.height - 2 * both.size  # number of runs that only one cell has
+    compared = [
+        _compare_one(numbers(first[name])[rows[0]], numbers(second[name])[rows[1]], name, in_one_only, level)
+        for name in figures
+    ]
     corrected = holm([paired.p_value for paired in compared])
     return tuple(replace(paired, p_holm=p) for paired, p in zip(compared, corrected, strict=True))
 
@@ -134,10 +138,10 @@ def difference(
     return Tested(within(interval, -most, most) if math.isfinite(interval.low) else interval, p_value)
 
 
-def _compare_one(both: pl.DataFrame, figure: str, in_one_only: int, level: float) -> Paired:
-    """Compare one figure over runs, of which columns of the second cell end in ``_second``; p is not corrected yet."""
-    values = both.select(first=pl.col(figure), second=pl.col(f"{figure}_second")).drop_nulls()
-    a, b = (values[name].cast(pl.Float64).to_numpy() for name in ("first", "second"))
+def _compare_one(first: Values, second: Values, figure: str, in_one_only: int, level: float) -> Paired:
+    """Compare one figure over the runs of both cells, (runs,) each; p is not corrected yet."""
+    is_known = ~(np.isnan(first) | np.isnan(second))
+    a, b = first[is_known], second[is_known]
     of_figure = BY_COLUMN[figure]
     interval, p_value = difference(a, b, level, of_figure.most_apart)
     d = differences(a, b)
@@ -151,7 +155,7 @@ def _compare_one(both: pl.DataFrame, figure: str, in_one_only: int, level: float
         ties=int((better == 0).sum()),
         losses=int((better < 0).sum()),
         pairs=d.size,
-        unpaired=in_one_only + both.height - d.size,
+        unpaired=in_one_only + first.size - d.size,
         p_value=p_value,
         p_holm=p_value,
     )

@@ -248,16 +248,18 @@ COUNTED: Final = {
 """What a gate (``decision.gate``) counts, in words, and by columns of the table of robots."""
 
 
-def gate_unreached(scenario: Scenario, robots: pl.DataFrame) -> str:
-    """Return a sentence if no robot had enough observations to decide; empty if one had, or there is no gate."""
+def gate_unreached(scenario: Scenario, most: Any) -> str:
+    """Return a sentence if no robot had enough observations to decide; empty if one had, or there is no gate.
+
+    Args:
+        most: most observations of a robot that count (``COUNTED``); None: not known.
+    """
     rule = scenario.decision
     if scenario.task.asks_number or "min_observations" not in fields_read(scenario.strategy.entry):
         return ""
-    words, columns = COUNTED[rule.gate]
-    most = robots.select(pl.sum_horizontal(columns).max()).item()
     if most is None or most > rule.min_observations:
         return ""
     return (
-        f"No robot was allowed to decide: that takes more than {rule.min_observations} {words} "
+        f"No robot was allowed to decide: that takes more than {rule.min_observations} {COUNTED[rule.gate][0]} "
         f"(decision.min_observations); the most that one had is {most}."
     )

@@ -97,13 +97,13 @@ def _key(scenario: Scenario, sections: Iterable[str]) -> str:
     return "\n".join(getattr(scenario, section).model_dump_json() for section in sections)
 
 
-SAMPLES: Final = 100_000
+SAMPLES: Final = 200_000
 """Most samples of the runs of a block, and most rows of robots, which limits memory."""
 STANDING_MS: Final = 1000.0
 """Typical time that a robot stands for a sample, ms; added to the sample interval, which alone may be 0."""
 LEAST: Final = 10
 """Runs of a block of a short study, so that many workers are busy."""
-MOST: Final = 1000
+MOST: Final = 500
 """Most runs of a block."""
 
 

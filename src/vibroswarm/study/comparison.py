@@ -153,8 +153,11 @@ def comparisons(runs: Runs, reference: str | None = None) -> list[Compared]:
     if not pairs:
         return []
     cells = list({cell.number: cell for pair in pairs for cell in pair[:2]}.values())
-    rows = runs.rows(*dict.fromkeys((*COMPARED, *ESTIMATED)), cells=cells)
-    tables = {number: table for (number,), table in rows.partition_by("cell", as_dict=True).items()}
+    tables = {
+        cell.number: own
+        for block in runs.select(cells).blocks()
+        for cell, own in runs.by_cell(*COMPARED, *ESTIMATED, cells=block)
+    }
     found = []
     for pair in pairs:
         asks_number = all(cell.scenario.task.asks_number for cell in pair[:2])

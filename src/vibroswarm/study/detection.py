@@ -24,7 +24,7 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vibroswarm.core.numbers import stated
 from vibroswarm.errors import InputError
@@ -94,9 +94,12 @@ def detection_of(runs: Runs, error: float = 0.05, false_alarms: float | None = N
     runs.check_complete()
     cells = [runs.tables(cell) for cell in runs.cells]
     need = needed(cells, scenario.run.t_end_s, error, false_alarms=alarms)
-    curve = detection_curve(cells, scenario.run.t_end_s)
-    summary = outcome_of(runs).table
-    tables = {"detection": curve, "needed": need, "pairs": pairs(need), "summary": summary}
+    tables = {
+        "detection": detection_curve(cells, scenario.run.t_end_s),
+        "needed": need,
+        "pairs": pairs(need),
+        "summary": outcome_of(runs).table,
+    }
     verdicts = [decidability(cell.scenario) for cell in runs.cells]
     warnings = dict.fromkeys(
         f"fill ratio {stated(verdict.fill_ratio)}: {verdict.says}"
@@ -129,7 +132,7 @@ Cells = Iterable[tuple[pl.DataFrame, pl.DataFrame]]
 """Table of robots and table of runs of each cell: runs of one scenario, with one number of robots."""
 
 HORIZONS: Final = 6
-"""Default number of horizons, evenly spaced up to t_end."""
+"""Number of horizons, evenly spaced up to t_end."""
 ABOUT: Final[dict[str, Any]] = {
     "fill_ratio": pl.Float64,
     "truth": pl.Int8,
@@ -142,18 +145,12 @@ NEEDED: Final = ABOUT | dict.fromkeys(
 )
 
 
-def detection_curve(
-    cells: Cells,
-    t_end_s: float,
-    horizons_s: ArrayLike | None = None,
-    level: float = 0.95,
-) -> pl.DataFrame:
-    """Tabulate misses and false alarms of each cell at each horizon, by default ``HORIZONS`` of them, with limits.
+def detection_curve(cells: Cells, t_end_s: float, level: float = 0.95) -> pl.DataFrame:
+    """Tabulate misses and false alarms of each cell at each of ``HORIZONS`` horizons, with limits.
 
     Columns are null where they do not apply: all shares without a truth, false alarms unless truth is 0 (below).
     """
-    # By default without a horizon at 0, when no robot has decided.
-    horizons = np.linspace(0, t_end_s, HORIZONS + 1)[1:] if horizons_s is None else horizons_s
+    horizons = np.linspace(0, t_end_s, HORIZONS + 1)[1:]  # at 0 no robot has decided
     frames = []
     for robots, runs in cells:
         about = _about(robots, runs)

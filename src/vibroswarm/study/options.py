@@ -86,8 +86,8 @@ def scenario_named(name: str, settings: Sequence[str] = (), field: str | None = 
 
 def stated_fields(**options: Unpack[ScenarioOptions]) -> list[str]:
     """Return the fields that --set and --strategy state, and that logs therefore do not decide."""
-    stated = [*parse_settings(options.get("settings", ()))]
-    return stated + (["strategy.name"] if options.get("strategy") is not None else [])
+    strategy = [] if options.get("strategy") is None else ["strategy.name"]
+    return [*parse_settings(options.get("settings", ())), *strategy]
 
 
 def check_one_floor(made: Scenario, /, **options: Unpack[ScenarioOptions]) -> None:

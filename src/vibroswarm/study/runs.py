@@ -148,6 +148,13 @@ class Runs(NotebookView):
             rows = joined.drop("key", "_runs").collect()
         return rows if len(cells) == 1 and rows["run"].is_sorted() else rows.sort("cell", "run")
 
+    def by_cell(self, *columns: str, cells: Sequence[Cell]) -> list[tuple[Cell, pl.DataFrame]]:
+        """Return the ``rows`` of each cell, in the order of the cells, all of which have some."""
+        rows = self.rows(*columns, cells=cells)
+        # A copy of a single cell would take memory twice.
+        parts = rows.partition_by("cell", as_dict=True) if len(cells) > 1 else {(cells[0].number,): rows}
+        return [(cell, parts[cell.number,]) for cell in cells]
+
     def blocks(self) -> Iterator[Sequence[Cell]]:
         """Yield some cells at a time, so that few of their ``rows`` need to be in memory."""
         size = max(ROWS_AT_A_TIME // max(1, *map(self.runs_of, self.cells)), 1)

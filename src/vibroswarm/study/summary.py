@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -15,14 +15,17 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import numbers
 from vibroswarm.statistics.decidability import Decidability, decidability
-from vibroswarm.statistics.figures import cell_figures, interval
+from vibroswarm.statistics.figures import FIGURES, cell_figures, interval
 from vibroswarm.statistics.intervals import Interval, columns_of, mean_interval, within
-from vibroswarm.statistics.verdict import gate_unreached
+from vibroswarm.statistics.verdict import COUNTED, gate_unreached
 from vibroswarm.study.batch import WALK
 from vibroswarm.study.cells import Cell
 from vibroswarm.study.comparison import Answer, Compared, answers_of, comparison_table, comparisons
 from vibroswarm.study.precision import Settled
 from vibroswarm.study.runs import Runs
+
+READ: Final = tuple(dict.fromkeys(name for figure in FIGURES for name in figure.read))
+"""Columns from which figures are computed."""
 
 
 @dataclass(frozen=True)
@@ -127,30 +130,33 @@ def outcome_of(runs: Runs, reference: str | None = None) -> Outcome:
 
 def _outcomes(runs: Runs, cells: Sequence[Cell]) -> Iterator[CellOutcome]:
     """Summarise cells."""
-    rows = runs.rows(cells=cells)
-    tables = {(cells[0].number,): rows} if len(cells) == 1 else rows.partition_by("cell", as_dict=True)
-    for cell in cells:
-        own, t_end_s, settled = tables[cell.number,], cell.scenario.run.t_end_s, runs.settled.get(cell.number)
+    sampled = {
+        cell.number: (
+            _walk(own),
+            own.drop_nulls("failed_s").select("run", time_s="failed_s", reason="failed"),
+        )
+        for cell, own in runs.by_cell(*WALK, "failed_s", "failed", cells=cells)
+    }
+    for cell, own in runs.by_cell(*READ, cells=cells):
+        t_end_s, settled = cell.scenario.run.t_end_s, runs.settled.get(cell.number)
         figures = cell_figures(own, t_end_s)
         if settled is not None and runs.until is not None:  # the level allows for repeated looks
             name = runs.until.figure
             figures[name] = interval(name, own, settled.level, t_end_s)
         unreached = ""
         if (own["undecided"] == own["robots"]).all():
-            counts = runs.rows("robot.samples", "robot.messages_received", cells=[cell])
-            robots = counts.select(pl.all().name.replace("robot.", "")).explode(
-                "samples", "messages_received"
-            )
-            unreached = gate_unreached(cell.scenario, robots)
+            counted = pl.sum_horizontal(f"robot.{name}" for name in COUNTED[cell.scenario.decision.gate][1])
+            most = runs.rows(counted.list.max().alias("most"), cells=[cell])["most"].max()
+            unreached = gate_unreached(cell.scenario, most)
         yield CellOutcome(
             cell=cell,
             runs=own.height,
             robots=int(own["robots"].sum()),
             t_end_s=t_end_s,
             figures=figures,
-            walk=_walk(own),
+            walk=sampled[cell.number][0],
             decidable=decidability(cell.scenario),
-            failed=own.drop_nulls("failed_s").select("run", time_s="failed_s", reason="failed"),
+            failed=sampled[cell.number][1],
             settled=settled,
             unreached=unreached,
         )
