@@ -15,7 +15,7 @@ PAGES: Final = ("run.html", "report.html", "run-1.html")
 
 
 def show(
-    path: Annotated[Path, Option("folder or file that a command has written", "PATH")],
+    path: Annotated[Path, Option("folder of a command, or file of a scenario or table", "PATH")],
     /,
     *,
     json: Json = False,
