@@ -55,10 +55,9 @@ def cell(times: list[float | None], robots: int = 2, fill: float = 0.4) -> tuple
 def test_detection_by_hand() -> None:
     curve = detection_curve([cell([10.0, 20.0, None, 30.0])], 100.0)
     assert curve["horizon_s"].to_list() == pytest.approx([100 * k / 6 for k in range(1, 7)])
-    assert curve["missed"].to_list() == [0.75, *[0.25] * 5]
-    assert curve["robots_missed"].to_list() == [0.75, *[0.25] * 5]
-    assert curve["missed_high"][0] == pytest.approx(wilson(3, 4).high)
-    assert curve["missed_low"][0] == pytest.approx(wilson(3, 4).low)
+    assert curve["missed"].to_list() == curve["robots_missed"].to_list() == [0.75, *[0.25] * 5]
+    limits = wilson(3, 4)
+    assert curve.select("missed_low", "missed_high").row(0) == pytest.approx((limits.low, limits.high))
     assert curve.select("fill_ratio", "robots", "runs").row(0) == (0.4, 2, 4)
 
 
