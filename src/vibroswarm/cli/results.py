@@ -21,7 +21,7 @@ def show(
     json: Json = False,
     open: Annotated[bool, Option("open its page in the browser")] = False,
 ) -> None:
-    """Show what a command has written: runs, studies, searches, leagues, recordings, scenarios, floors, tables.
+    """Show what a command has written (runs, studies, searches, leagues, recordings), a scenario, or a table.
 
     examples:
       vibroswarm show first            a run: its verdict

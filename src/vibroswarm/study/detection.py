@@ -11,8 +11,8 @@
 | clear until | the first time at which the upper limit of the false alarms is not below their wanted rate | |
 
 A floor above the boundary and one below it are distinguished at the wanted rates between "needed" of the one and "clear
-until" of the other. Upper limits are compared, so fewer than about 73 runs never show a rate of 5 %. Each limit is
-wrong with probability 1 - level; the time of a pair rests on two.
+until" of the other. Upper limits are compared, so fewer than about 73 runs never show a rate of 5 %. Each
+interval is wrong with probability 5 %; the time of a pair rests on two.
 """
 
 from __future__ import annotations
@@ -145,8 +145,8 @@ NEEDED: Final = ABOUT | dict.fromkeys(
 )
 
 
-def detection_curve(cells: Cells, t_end_s: float, level: float = 0.95) -> pl.DataFrame:
-    """Tabulate misses and false alarms of each cell at each of ``HORIZONS`` horizons, with limits.
+def detection_curve(cells: Cells, t_end_s: float) -> pl.DataFrame:
+    """Tabulate misses and false alarms of each cell at each of ``HORIZONS`` horizons, with 95 % limits.
 
     Columns are null where they do not apply: all shares without a truth, false alarms unless truth is 0 (below).
     """
@@ -155,8 +155,8 @@ def detection_curve(cells: Cells, t_end_s: float, level: float = 0.95) -> pl.Dat
     for robots, runs in cells:
         about = _about(robots, runs)
         columns = [pl.lit(value, ABOUT[name]).alias(name) for name, value in about.items()]
-        by_swarms = swarm_incidence(robots, runs, t_end_s, horizons, level)
-        by_robots = robot_incidence(robots, runs, t_end_s, horizons, level)
+        by_swarms = swarm_incidence(robots, runs, t_end_s, horizons)
+        by_robots = robot_incidence(robots, runs, t_end_s, horizons)
         frame = by_swarms.select(*columns, horizon_s="time_s")
         for unit, shares in (("", by_swarms), ("robots_", by_robots)):
             for end, other in (("", ""), ("_low", "_high"), ("_high", "_low")):
@@ -188,7 +188,6 @@ def needed(
     cells: Cells,
     t_end_s: float,
     error: float,
-    level: float = 0.95,
     false_alarms: float | None = None,
 ) -> pl.DataFrame:
     """Compute for each cell the first time at which the upper limit of its misses is below ``error``.
@@ -201,7 +200,7 @@ def needed(
     rows = []
     for robots, runs in cells:
         reached_s = runs["consensus_time_s"].drop_nulls().to_numpy()
-        shares = swarm_incidence(robots, runs, t_end_s, np.unique(np.append(0.0, reached_s)), level)
+        shares = swarm_incidence(robots, runs, t_end_s, np.unique(np.append(0.0, reached_s)))
         time_s, right, right_low, wrong, wrong_high = (
             numbers(shares[name]) for name in ("time_s", "right", "right_low", "wrong", "wrong_high")
         )
